@@ -1,0 +1,138 @@
+#include "cpu/particle_stages.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include <oneapi/tbb/enumerable_thread_specific.h>
+
+#include "core/parallel.hpp"
+#include "kernel/normal_twin.h"
+#include "scene/shading.hpp"
+
+namespace pellucid {
+namespace {
+
+constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
+constexpr double kColorUnits = 65535;
+
+/// Shades the winner of every hit pixel and adds it.
+void add_frame(const PreparedScene& scene, const ParticleFrame& frame, const RepeatParticles& repeat,
+               const WinnerFrame& winners, EnsembleSums& sums) {
+    for (const std::uint32_t pixel : winners.hit_pixels()) {
+        const std::uint32_t index = winners.winner(pixel);
+        const Particle& particle = repeat.particles[index];
+        const auto object = std::upper_bound(repeat.object_ends.begin(), repeat.object_ends.end(), index) -
+                            repeat.object_ends.begin();
+        const twin::Vec3f n = twin::unpack_normal(particle.normal);
+        const Vec3 color = shade(scene, scene.objects[static_cast<std::size_t>(object)],
+                                 scene.camera.to_world(frame.view_position(particle)),
+                                 scene.camera.world_vector({n.x, n.y, n.z}));
+        EnsembleSums::Pixel& sum = sums.pixels[pixel];
+        for (int c = 0; c < 3; ++c) {
+            const auto units = static_cast<std::uint64_t>(std::min(color[c] * kColorUnits + 0.5, 4294967295.0));
+            sum.color[c] += units;
+            sum.square[c] += units * units;
+        }
+        ++sum.covered;
+        sum.depth = std::min(sum.depth, twin::floatBitsToUint(particle.above_near));
+    }
+}
+
+}  // namespace
+
+WinnerFrame::WinnerFrame(int width, int height)
+    : keys_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNoHit), width_(width) {}
+
+void WinnerFrame::draw(std::span<const Particle> particles, const twin::Projection& projection) {
+    for (std::size_t i = 0; i < particles.size(); ++i) {
+        const twin::PixelDepth at = twin::project_particle(projection, particles[i]);
+        if (at.column < 0) continue;
+        const std::uint64_t key = (static_cast<std::uint64_t>(at.depth) << 32U) | static_cast<std::uint32_t>(i);
+        const auto pixel = static_cast<std::uint32_t>(at.row) * static_cast<std::uint32_t>(width_) +
+                           static_cast<std::uint32_t>(at.column);
+        std::uint64_t& held = keys_[pixel];
+        if (held == kNoHit) hit_.push_back(pixel);
+        held = std::min(held, key);
+    }
+}
+
+void WinnerFrame::clear() {
+    for (const std::uint32_t pixel : hit_) keys_[pixel] = kNoHit;
+    hit_.clear();
+}
+
+void EnsembleSums::add(const EnsembleSums& other) {
+    parallel_for(pixels.size(), 4096, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            Pixel& to = pixels[i];
+            const Pixel& from = other.pixels[i];
+            for (int c = 0; c < 3; ++c) {
+                to.color[c] += from.color[c];
+                to.square[c] += from.square[c];
+            }
+            to.covered += from.covered;
+            to.depth = std::min(to.depth, from.depth);
+        }
+    });
+    particles += other.particles;
+    repeats += other.repeats;
+}
+
+void draw_ensemble(const PreparedScene& scene, const ParticleSet& set, EnsembleSums& sums) {
+    const Camera& camera = scene.camera;
+    const twin::Projection projection = set.frame.projection(camera);
+    struct Frames {
+        WinnerFrame winners;
+        EnsembleSums sums;
+    };
+    const std::size_t pixels = sums.pixels.size();
+    oneapi::tbb::enumerable_thread_specific<Frames> frames([&] {
+        return Frames{WinnerFrame(camera.width(), camera.height()), {std::vector<EnsembleSums::Pixel>(pixels)}};
+    });
+    parallel_for(set.repeats.size(), 1, [&](std::size_t begin, std::size_t end) {
+        Frames& mine = frames.local();
+        for (std::size_t i = begin; i < end; ++i) {
+            const RepeatParticles& repeat = set.repeats[i];
+            mine.winners.draw(repeat.particles, projection);
+            add_frame(scene, set.frame, repeat, mine.winners, mine.sums);
+            mine.winners.clear();
+            mine.sums.particles += repeat.particles.size();
+            ++mine.sums.repeats;
+        }
+    });
+    for (const Frames& each : frames) sums.add(each.sums);
+}
+
+Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums) {
+    Image image(camera.width(), camera.height());
+    const auto repeats = static_cast<double>(sums.repeats);
+    const char* const names[4] = {"R", "G", "B", "A"};
+    std::span<float> mean[4];
+    std::span<float> variance[4];
+    for (int c = 0; c < 4; ++c) {
+        mean[c] = image.add(names[c]);
+        variance[c] = image.add(std::string("variance.") + names[c]);
+    }
+    const std::span<float> z = image.add("Z", std::numeric_limits<float>::infinity());
+
+    for (std::size_t i = 0; i < sums.pixels.size(); ++i) {
+        const EnsembleSums::Pixel& p = sums.pixels[i];
+        const auto put = [&](int c, double sum, double sum_of_squares) {
+            const double m = sum / repeats;
+            const double spread = std::max(0.0, sum_of_squares - sum * m);
+            mean[c][i] = static_cast<float>(m);
+            variance[c][i] = static_cast<float>(spread / (repeats * (repeats - 1)));
+            if (sums.repeats < 2) variance[c][i] = std::numeric_limits<float>::infinity();
+        };
+        for (int c = 0; c < 3; ++c)
+            put(c, static_cast<double>(p.color[c]) / kColorUnits,
+                static_cast<double>(p.square[c]) / (kColorUnits * kColorUnits));
+        put(3, p.covered, p.covered);
+        if (p.covered > 0)
+            z[i] = static_cast<float>(frame.view_position({0, 0, twin::uintBitsToFloat(p.depth), 0}).z);
+    }
+    return image;
+}
+
+}  // namespace pellucid

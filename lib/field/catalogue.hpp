@@ -1,0 +1,64 @@
+// Analytic surfaces by name: quadrics and the torus, f = 0, with every crossing of a line.
+#pragma once
+
+#include <array>
+#include <map>
+#include <optional>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "core/vec.hpp"
+
+namespace pellucid {
+
+/// Most crossings of a line with a catalogue surface.
+inline constexpr int kMaxCatalogueCrossings = 4;
+
+/// One row of `render --list-implicit`.
+struct CatalogueEntry {
+    struct Parameter {
+        std::string_view name;
+        double value;  // default; every parameter is > 0
+    };
+    std::string_view name;
+    std::string_view equation;  // in object space, negative inside; the axis is z
+    std::vector<Parameter> parameters;
+    std::string_view bounds;    // object-space box when the scene gives none
+    int degree;
+};
+[[nodiscard]] std::span<const CatalogueEntry> catalogue();
+
+/// f(x) = 0 with f = Σ q_i x_i² + l·x + c (a quadric in principal axes), or the torus
+/// (|(x, y)| − major)² + z² = minor².
+class CatalogueSurface {
+public:
+    /// Throws Error(input) where the name or a parameter is not in the catalogue, or is not > 0.
+    CatalogueSurface(const std::string& name, const std::map<std::string, double>& parameters);
+
+    /// The surface's own box: tight where it is bounded, else the catalogue's.
+    [[nodiscard]] const Box& bounds() const { return bounds_; }
+    /// Whether f = 0 itself is bounded, and not only its box.
+    [[nodiscard]] bool bounded() const { return torus_ || (square_.x > 0 && square_.y > 0 && square_.z > 0); }
+    /// Most crossings of one line: 1, 2 or 4.
+    [[nodiscard]] int max_crossings() const;
+    [[nodiscard]] double value(const Vec3& x) const;
+    [[nodiscard]] Vec3 gradient(const Vec3& x) const;
+    /// True where f has no zero in the box; exact for single boxes, so subdivision converges.
+    [[nodiscard]] bool excludes(const Box& box) const;
+    /// All t in [t_lo, t_hi] with f(origin + t·direction) = 0 and a change of sign, ascending.
+    /// Returns how many, at most max_crossings().
+    int crossings(const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,
+                  std::span<double, kMaxCatalogueCrossings> t) const;
+
+private:
+    bool torus_ = false;
+    Vec3 square_{0.0};    // quadric: q
+    Vec3 linear_{0.0};    // quadric: l
+    double constant_ = 0; // quadric: c
+    double major_ = 0, minor_ = 0;
+    Box bounds_;
+};
+
+}  // namespace pellucid

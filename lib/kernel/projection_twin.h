@@ -1,0 +1,86 @@
+// Which pixel a particle covers and how deep it lies: integers and exact scalings only, so that every
+// backend gives the same answer to the last bit.
+#ifndef PELLUCID_KERNEL_PROJECTION_TWIN_H
+#define PELLUCID_KERNEL_PROJECTION_TWIN_H
+#include "kernel/twin.h"
+TWIN_BEGIN
+
+// A particle as it is stored: view space (x right, y down), in units of 2^scene_exponent scene units.
+struct Particle {
+    float x;
+    float y;
+    float above_near;  // distance along the view axis beyond the near plane, >= 0
+    uint normal;       // shading normal, octahedral 2 x 16 bits: normal_twin.h
+};
+
+// Image column = floor((focal·x + center_x·w)/w), row alike, in fixed point. The divisor w is
+// near + above_near for perspective and one constant for orthographic views.
+struct Projection {
+    int64_t near_fixed;   // near plane · 2^near_bits, below 2^62
+    int64_t focal_fixed;  // pixels: see `projection_for` (cpu/projection.hpp)
+    int64_t center_x;     // half the width · 2^fraction_bits
+    int64_t center_y;     // half the height · 2^fraction_bits
+    int near_bits;
+    int near_exponent;    // near plane in [2^e, 2^(e+1)); -126 for 0
+    int lateral_shift;    // perspective: extra bits that x and y keep below those of w;
+                          // orthographic: their binary point
+    int fraction_bits;
+    int perspective;      // 0 or 1
+    int width;
+    int height;
+};
+
+// Pixel of a particle; column = -1 where it is out of view.
+struct PixelDepth {
+    int column;
+    int row;
+    uint depth;  // bits of above_near: for numbers >= 0 they are ordered like the numbers
+};
+
+// 2^e as a float, e in [-126, 127].
+TWIN_FN float power_of_two(int e) { return uintBitsToFloat(uint(e + 127) << 23u); }
+
+// Exponent of a positive normal float: value in [2^e, 2^(e+1)).
+TWIN_FN int exponent_of(float value) { return int((floatBitsToUint(value) >> 23u) & 255u) - 127; }
+
+// floor(a/b) for b > 0.
+TWIN_FN int64_t floor_divide(int64_t a, int64_t b) {
+    int64_t q = a / b;
+    return (a % b < int64_t(0)) ? q - int64_t(1) : q;
+}
+
+// value · 2^shift rounded down, as an integer: exact but for the bits that fall below 1.
+TWIN_FN int64_t to_fixed(float value, int shift) {
+    int s = min(max(shift, -126), 126);
+    return int64_t(floor(value * power_of_two(s)));
+}
+
+TWIN_FN PixelDepth project_particle(Projection p, Particle q) {
+    int64_t w = int64_t(1) << 30;
+    int lateral = p.lateral_shift;
+    if (p.perspective != 0) {
+        // A binary point for this particle alone: near and far ones keep the same relative precision.
+        int reach = q.above_near > 0.0f ? exponent_of(q.above_near) : -126;
+        int shift = 29 - max(p.near_exponent, reach);
+        int down = min(p.near_bits - shift, 63);
+        w = (down >= 0 ? p.near_fixed >> down : p.near_fixed << (-down)) + to_fixed(q.above_near, shift);
+        lateral += shift;
+    }
+    PixelDepth r;
+    r.column = -1;
+    r.row = -1;
+    r.depth = floatBitsToUint(q.above_near);
+    int64_t denominator = w << p.fraction_bits;
+    if (denominator > int64_t(0)) {
+        int64_t column = floor_divide(to_fixed(q.x, lateral) * p.focal_fixed + w * p.center_x, denominator);
+        int64_t row = floor_divide(to_fixed(q.y, lateral) * p.focal_fixed + w * p.center_y, denominator);
+        if (column >= int64_t(0) && column < int64_t(p.width) && row >= int64_t(0) && row < int64_t(p.height)) {
+            r.column = int(column);
+            r.row = int(row);
+        }
+    }
+    return r;
+}
+
+TWIN_END
+#endif

@@ -1,0 +1,249 @@
+#include "sample/line_sampler.hpp"
+
+#include <algorithm>
+#include <cassert>
+#include <cmath>
+
+namespace pellucid {
+namespace {
+
+/// A piece is cut while the area that a pixel sees varies on it by more than this: what varies is
+/// paid in trials that are thrown away. 4 = a factor of 2 in depth.
+constexpr double kMostAreaRatio = 4;
+/// A piece that reaches out of view is cut while it spans more virtual pixels than this.
+constexpr double kMostPixelsOutside = 1024;
+constexpr int kMostCuts = 40;
+
+/// (cos, sin) of 2πu by + − × only: std::sin may differ between instruction sets in the last bit.
+[[nodiscard]] Vec2 unit_circle(double u) {
+    const double quarter = std::floor(4 * u + 0.5);
+    const double x = (4 * u - quarter) * 1.57079632679489661923;  // [−π/4, π/4]
+    const double x2 = x * x;
+    // Taylor to x^15 and x^14: below 2^-53 on this interval.
+    double s = -1.0 / 1307674368000.0;
+    for (const double c : {1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0})
+        s = s * x2 + c;
+    s *= x;
+    double c = -1.0 / 87178291200.0;
+    for (const double k : {1.0 / 479001600.0, -1.0 / 3628800.0, 1.0 / 40320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0})
+        c = c * x2 + k;
+    switch (static_cast<int>(quarter) & 3) {
+        case 0: return {c, s};
+        case 1: return {-s, c};
+        case 2: return {-c, -s};
+        default: return {s, -c};
+    }
+}
+
+/// Where a line from the border of a parallelepiped leaves it.
+[[nodiscard]] double exit_distance(const Body& body, const Vec3& origin, const Vec3& direction) {
+    const Vec3 normals[3] = {cross(body.edge[1], body.edge[2]), cross(body.edge[2], body.edge[0]),
+                             cross(body.edge[0], body.edge[1])};
+    double t_hi = kInfinity;
+    for (int axis = 0; axis < 3; ++axis) {
+        const double volume = dot(normals[axis], body.edge[axis]);
+        const double from = dot(normals[axis], origin - body.corner) / volume;
+        const double slope = dot(normals[axis], direction) / volume;
+        if (slope != 0) t_hi = std::min(t_hi, slope > 0 ? (1 - from) / slope : -from / slope);
+    }
+    return std::max(t_hi, 0.0);
+}
+
+/// The parts of a body cut in halves along each of its edges (4 triangles, 4 or 8 parallel ones).
+int cut(const Body& body, std::array<Body, 8>& out) {
+    Body half = body;
+    for (Vec3& e : half.edge) e *= 0.5;
+    const Vec3& a = half.edge[0];
+    const Vec3& b = half.edge[1];
+    if (body.kind == Body::Kind::triangle) {
+        for (std::size_t i = 0; i < 4; ++i) out[i] = half;
+        out[1].corner += a;
+        out[2].corner += b;
+        out[3].corner += a + b;
+        out[3].edge[0] = -a;
+        out[3].edge[1] = -b;
+        return 4;
+    }
+    const std::size_t count = body.kind == Body::Kind::parallelogram ? 4 : 8;
+    for (std::size_t i = 0; i < count; ++i) {
+        out[i] = half;
+        if ((i & 1U) != 0) out[i].corner += a;
+        if ((i & 2U) != 0) out[i].corner += b;
+        if ((i & 4U) != 0) out[i].corner += half.edge[2];
+    }
+    return static_cast<int>(count);
+}
+
+}  // namespace
+
+LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id)
+    : object_(&object), camera_(&camera), object_id_(object_id) {
+    std::vector<double> weights;
+    const std::size_t patches = object.geometry->patch_count();
+    for (std::size_t patch = 0; patch < patches; ++patch)
+        add_pieces(static_cast<std::uint32_t>(patch), object.geometry->body(patch), -1, 0, weights);
+    for (const double w : weights) virtual_pixels_ += w;
+    if (virtual_pixels_ > 0) build_alias_table(weights);
+}
+
+void LineSampler::add_pieces(std::uint32_t patch, const Body& body, std::int32_t part, int depth,
+                             std::vector<double>& weights) {
+    std::array<Vec3, 8> corners;
+    const int count = body.vertices(corners);
+    const auto area = camera_->pixel_area_range(corners.data(), count);
+    if (!area) return;
+    if (!body.flat() && object_->geometry->excludes(patch, body)) return;
+    const double weight = object_->geometry->max_crossings() * body.crofton_area() / area->least;
+    if (!(weight > 0)) return;  // a body without extent
+
+    const bool cut_by_view = weight > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
+    if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && weight > 1))) {
+        std::array<Body, 8> parts;
+        const int part_count = cut(body, parts);
+        for (int i = 0; i < part_count; ++i)
+            add_pieces(patch, parts[static_cast<std::size_t>(i)], 0, depth + 1, weights);
+        return;
+    }
+    if (part >= 0) {
+        part = static_cast<std::int32_t>(parts_.size());
+        parts_.push_back(body);
+    }
+    pieces_.push_back({patch, part, area->least});
+    weights.push_back(weight);
+}
+
+void LineSampler::build_alias_table(const std::vector<double>& weights) {
+    // Vose 1991: every column holds its own piece up to `share`, and one other above.
+    const std::size_t n = weights.size();
+    alias_share_.assign(n, 1);
+    alias_other_.assign(n, 0);
+    std::vector<double> scaled(n);
+    std::vector<std::uint32_t> small;
+    std::vector<std::uint32_t> large;
+    for (std::size_t i = 0; i < n; ++i) {
+        scaled[i] = weights[i] * static_cast<double>(n) / virtual_pixels_;
+        (scaled[i] < 1 ? small : large).push_back(static_cast<std::uint32_t>(i));
+    }
+    while (!small.empty() && !large.empty()) {
+        const std::uint32_t s = small.back();
+        const std::uint32_t l = large.back();
+        small.pop_back();
+        alias_share_[s] = scaled[s];
+        alias_other_[s] = l;
+        scaled[l] -= 1 - scaled[s];
+        if (scaled[l] < 1) {
+            large.pop_back();
+            small.push_back(l);
+        }
+    }
+}
+
+const LineSampler::Piece& LineSampler::pick_piece(std::uint64_t bits) const {
+    // The high bits choose the column, what is left of them the side.
+    const double place = static_cast<double>(bits >> 11U) * 0x1p-53 * static_cast<double>(pieces_.size());
+    const std::size_t column = std::min(static_cast<std::size_t>(place), pieces_.size() - 1);
+    const double side = place - static_cast<double>(column);
+    return pieces_[side < alias_share_[column] ? column : alias_other_[column]];
+}
+
+int LineSampler::shoot(const Piece& piece, const std::array<std::uint32_t, 4>& bits, std::uint32_t more_bits,
+                       std::span<Crossing, kMaxCrossings> hits, Vec3& origin, Vec3& direction) const {
+    const Body body = piece.part < 0 ? object_->geometry->body(piece.patch)
+                                     : parts_[static_cast<std::size_t>(piece.part)];
+    double u = unit_interval(bits[0]);
+    double v = unit_interval(bits[1]);
+    if (body.flat()) {
+        if (body.kind == Body::Kind::triangle && u + v > 1) {
+            u = 1 - u;
+            v = 1 - v;
+        }
+        origin = body.corner + u * body.edge[0] + v * body.edge[1];
+        hits[0] = {0, cross(body.edge[0], body.edge[1])};
+        return 1;
+    }
+
+    // A uniform point on the body's surface, which comes in three pairs of faces…
+    const double areas[3] = {length(cross(body.edge[1], body.edge[2])), length(cross(body.edge[2], body.edge[0])),
+                             length(cross(body.edge[0], body.edge[1]))};
+    double pick = unit_interval(more_bits) * 2 * (areas[0] + areas[1] + areas[2]);
+    int face = 0;
+    while (face < 5 && pick >= areas[face >> 1]) pick -= areas[face++ >> 1];
+    const int axis = face >> 1;
+    const Vec3& a = body.edge[(axis + 1) % 3];
+    const Vec3& b = body.edge[(axis + 2) % 3];
+    origin = body.corner + u * a + v * b;
+    Vec3 inward = normalize(cross(a, b));
+    if (dot(inward, body.edge[axis]) < 0) inward = -inward;
+    if ((face & 1) != 0) {
+        origin += body.edge[axis];
+        inward = -inward;
+    }
+    // … and a direction by the cosine law: together a uniform random line through the body.
+    const double disc = unit_interval(bits[2]);
+    const Vec2 turn = std::sqrt(disc) * unit_circle(unit_interval(bits[3]));
+    const Vec3 side = normalize(a);
+    direction = turn.x * side + turn.y * cross(inward, side) + std::sqrt(1 - disc) * inward;
+
+    const double t_hi = exit_distance(body, origin, direction);
+    return object_->geometry->crossings(piece.patch, {origin, direction, 0, t_hi}, hits);
+}
+
+std::optional<LineSampler::Point> LineSampler::keep(const Piece& piece, const Vec3& world, const Vec3& normal,
+                                                    double chance) const {
+    const Vec3 view = camera_->to_view(world);
+    if (!(view.z >= camera_->near() && view.z <= camera_->far())) return std::nullopt;
+    const double area = camera_->pixel_area(view);
+    if (chance * area >= piece.least_area) return std::nullopt;
+    if (object_->surface.opacity_law == OpacityLaw::constant) {
+        const Vec3 ray = camera_->ray_direction(world);
+        const double cosine = std::abs(dot(normal, ray)) / (length(normal) * length(ray));
+        if (chance * area >= piece.least_area * cosine) return std::nullopt;
+    }
+    const Vec2 pixel = camera_->project(view);
+    if (!(pixel.x >= 0 && pixel.x < camera_->width() && pixel.y >= 0 && pixel.y < camera_->height()))
+        return std::nullopt;
+    if (!object_->keeps(world)) return std::nullopt;
+    return Point{view, camera_->view_vector(object_->geometry->shading_normal(piece.patch, world, normal))};
+}
+
+std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const {
+    const auto first = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 0});
+    const auto second = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 1});
+    const Piece& piece = pick_piece((static_cast<std::uint64_t>(second[0]) << 32U) | second[1]);
+
+    std::array<Crossing, kMaxCrossings> hits;
+    Vec3 origin, direction(0.0);
+    // One word serves two choices: its high part the crossing, what is left of it the face.
+    const auto choices = static_cast<std::uint64_t>(second[2]) * static_cast<std::uint64_t>(max_crossings());
+    const int found = shoot(piece, first, static_cast<std::uint32_t>(choices), hits, origin, direction);
+    const auto j = static_cast<int>(choices >> 32U);
+    if (j >= found) return std::nullopt;
+    const Crossing& hit = hits[static_cast<std::size_t>(j)];
+    return keep(piece, origin + hit.t * direction, hit.normal, unit_interval(second[3]));
+}
+
+int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
+                                   std::span<Point, kMaxCrossings> out) const {
+    const auto first = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 0});
+    const auto second = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 1});
+    const auto third = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
+    const Piece& piece = pick_piece((static_cast<std::uint64_t>(second[0]) << 32U) | second[1]);
+    std::array<Crossing, kMaxCrossings> hits;
+    Vec3 origin, direction(0.0);
+    const int found = shoot(piece, first, second[2], hits, origin, direction);
+    int kept = 0;
+    for (int i = 0; i < found; ++i) {
+        const Crossing& hit = hits[static_cast<std::size_t>(i)];
+        const auto point = keep(piece, origin + hit.t * direction, hit.normal,
+                                unit_interval(third[static_cast<std::size_t>(i)]));
+        if (point) out[static_cast<std::size_t>(kept++)] = *point;
+    }
+    return kept;
+}
+
+std::size_t LineSampler::bytes() const {
+    return pieces_.capacity() * sizeof(Piece) + parts_.capacity() * sizeof(Body) +
+           alias_share_.capacity() * sizeof(double) + alias_other_.capacity() * sizeof(std::uint32_t);
+}
+
+}  // namespace pellucid

@@ -1,0 +1,43 @@
+// STEP 1 of PBSR: L_R independent particle sets for all objects of a scene (fusion is concatenation).
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "sample/line_sampler.hpp"
+
+namespace pellucid {
+
+/// How many trials one object gets in one repeat. V: LineSampler::virtual_pixels.
+enum class CountLaw {
+    /// Poisson with mean −ln(1−α)·V. Pixels are independent, and a pixel of which the surface covers a
+    /// share c has opacity 1 − (1−α)^c exactly, for objects of any size.
+    poisson,
+    /// The fixed number ln(1−α)/ln(1−1/V), its fraction drawn so that the mean transmittance is
+    /// exact. Particle counts are then binomial: PBSR (1) as it stands. Needs V > 1.
+    binomial,
+};
+
+struct SamplerSettings {
+    Seed seed;
+    CountLaw count = CountLaw::poisson;
+    /// Draw exactly this many particles of each object in each repeat, whatever its opacity.
+    std::optional<std::uint64_t> exact_count;
+    /// Wrong twins, for tests that must reject them.
+    bool keep_all_crossings = false;
+    bool same_set_in_all_repeats = false;
+};
+
+/// One sampler an object, in the order of the scene.
+[[nodiscard]] std::vector<LineSampler> make_samplers(const PreparedScene& scene);
+
+/// Mean number of trials that give one object its opacity in one repeat, min(α, kMostParticleOpacity).
+[[nodiscard]] double mean_trials(const LineSampler& sampler, CountLaw law);
+
+/// Samples repeats first, …, first + count − 1. A repeat depends on seed and its own number only, so
+/// any split into calls, threads or machines gives the same particles.
+/// Throws Error(run) where exact_count cannot be met because nothing of the object is in view.
+[[nodiscard]] ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
+                                           const SamplerSettings& settings, std::uint32_t first, std::uint32_t count);
+
+}  // namespace pellucid

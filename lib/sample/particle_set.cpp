@@ -1,0 +1,79 @@
+#include "sample/particle_set.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "kernel/normal_twin.h"
+
+namespace pellucid {
+namespace {
+
+/// Least e with value <= 2^e.
+[[nodiscard]] int ceil_exponent(double value) { return value > 0 ? static_cast<int>(std::ceil(std::log2(value))) : 0; }
+
+}  // namespace
+
+ParticleFrame::ParticleFrame(const Camera& camera) : near(camera.near()) {
+    const double reach = camera.perspective() ? camera.far() : 1;
+    const double half = 0.5 * camera.pixel_size() * std::max(camera.width(), camera.height()) * reach;
+    exponent = ceil_exponent(std::max({camera.far() - camera.near(), half, camera.perspective() ? camera.far() : 0.0}));
+}
+
+Particle ParticleFrame::pack(const Vec3& view, const Vec3& view_normal) const {
+    const auto shrink = [&](double v) { return static_cast<float>(std::ldexp(v, -exponent)); };
+    const Vec3 n = normalize(view_normal);
+    return {shrink(view.x), shrink(view.y), shrink(std::max(0.0, view.z - near)),
+            twin::pack_normal({static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)})};
+}
+
+Vec3 ParticleFrame::view_position(const Particle& p) const {
+    const auto grow = [&](float v) { return std::ldexp(static_cast<double>(v), exponent); };
+    return {grow(p.x), grow(p.y), near + grow(p.above_near)};
+}
+
+twin::Projection ParticleFrame::projection(const Camera& camera) const {
+    twin::Projection p{};
+    p.width = camera.width();
+    p.height = camera.height();
+    p.perspective = camera.perspective() ? 1 : 0;
+    // w < 2^31 and center < 2^(size_bits−1): their product keeps below 2^62.
+    const int size_bits = ceil_exponent(std::max(p.width, p.height)) + 1;
+    p.fraction_bits = std::min(24, 31 - size_bits);
+    p.center_x = (static_cast<std::int64_t>(p.width) << p.fraction_bits) / 2;
+    p.center_y = (static_cast<std::int64_t>(p.height) << p.fraction_bits) / 2;
+
+    // In view |x| <= w·center/focal: x keeps as many bits as w has, focal the rest.
+    const double half = 0.5 * std::max(p.width, p.height) * camera.pixel_size();  // of the image, at depth 1
+    if (p.perspective != 0) {
+        p.lateral_shift = -ceil_exponent(half);
+        p.focal_fixed = std::llround(std::ldexp(1 / camera.pixel_size(), p.fraction_bits - p.lateral_shift));
+        const double scaled_near = std::ldexp(near, -exponent);
+        if (scaled_near > 0) {
+            p.near_exponent = std::max(-126, static_cast<int>(std::floor(std::log2(scaled_near))));
+            p.near_bits = 60 - p.near_exponent;
+            p.near_fixed = std::llround(std::ldexp(scaled_near, p.near_bits));
+        } else {
+            p.near_exponent = -126;
+        }
+    } else {
+        const int lateral_exponent = ceil_exponent(half) - exponent;  // |x| < 2^this, as stored
+        p.lateral_shift = 30 - lateral_exponent;
+        p.focal_fixed = std::llround(std::ldexp(1 / camera.pixel_size(), exponent + lateral_exponent + p.fraction_bits));
+    }
+    return p;
+}
+
+std::uint64_t ParticleSet::count() const {
+    std::uint64_t sum = 0;
+    for (const RepeatParticles& r : repeats) sum += r.particles.size();
+    return sum;
+}
+
+std::uint64_t ParticleSet::bytes() const {
+    std::uint64_t sum = 0;
+    for (const RepeatParticles& r : repeats)
+        sum += r.particles.capacity() * sizeof(Particle) + r.object_ends.capacity() * sizeof(std::uint32_t);
+    return sum;
+}
+
+}  // namespace pellucid

@@ -1,0 +1,66 @@
+#include "scene/geometry.hpp"
+
+#include "scene/geometry_makers.hpp"
+
+namespace pellucid {
+
+int Body::vertices(std::span<Vec3, 8> out) const {
+    switch (kind) {
+        case Kind::triangle:
+            out[0] = corner;
+            out[1] = corner + edge[0];
+            out[2] = corner + edge[1];
+            return 3;
+        case Kind::parallelogram:
+            for (std::size_t i = 0; i < 4; ++i)
+                out[i] = corner + ((i & 1U) != 0 ? edge[0] : Vec3(0.0)) + ((i & 2U) != 0 ? edge[1] : Vec3(0.0));
+            return 4;
+        case Kind::parallelepiped: break;
+    }
+    for (std::size_t i = 0; i < 8; ++i)
+        out[i] = corner + ((i & 1U) != 0 ? edge[0] : Vec3(0.0)) + ((i & 2U) != 0 ? edge[1] : Vec3(0.0)) +
+                 ((i & 4U) != 0 ? edge[2] : Vec3(0.0));
+    return 8;
+}
+
+double Body::crofton_area() const {
+    const double first = length(cross(edge[0], edge[1]));
+    if (kind == Kind::triangle) return 0.5 * first;
+    if (kind == Kind::parallelogram) return first;
+    return first + length(cross(edge[1], edge[2])) + length(cross(edge[2], edge[0]));
+}
+
+bool SurfaceGeometry::excludes(std::size_t, const Body&) const { return false; }
+
+Vec3 SurfaceGeometry::shading_normal(std::size_t, const Vec3&, const Vec3& geometric) const { return geometric; }
+
+Vec3 SurfaceGeometry::flat_normal(std::size_t patch) const {
+    const Body b = body(patch);
+    return cross(b.edge[0], b.edge[1]);
+}
+
+Vec3 SurfaceGeometry::color(const Vec3&) const { return Vec3(0.0); }
+
+bool has_geometry(const Shape& shape) {
+    if (const auto* iso = std::get_if<IsosurfaceShape>(&shape))
+        return iso->interpolation == Interpolation::trilinear;
+    return std::holds_alternative<ImplicitShape>(shape) || std::holds_alternative<MeshShape>(shape) ||
+           std::holds_alternative<RectangleShape>(shape);
+}
+
+std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface) {
+    const auto make = [&]() -> std::unique_ptr<SurfaceGeometry> {
+        if (const auto* shape = std::get_if<ImplicitShape>(&surface.shape)) return make_implicit(surface, *shape);
+        if (const auto* shape = std::get_if<MeshShape>(&surface.shape)) return make_mesh(surface, *shape);
+        if (const auto* shape = std::get_if<RectangleShape>(&surface.shape)) return make_rectangle(surface, *shape);
+        if (const auto* shape = std::get_if<IsosurfaceShape>(&surface.shape)) return make_isosurface(surface, *shape);
+        throw input_error("this kind of shape has no geometry yet");
+    };
+    try {
+        return make();
+    } catch (const Error& error) {
+        throw Error(error.kind(), fmt::format("surface \"{}\": {}", surface.name, error.what()));
+    }
+}
+
+}  // namespace pellucid

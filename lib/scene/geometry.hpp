@@ -1,0 +1,85 @@
+// Surfaces as geometry: every shape is a set of *patches*, and a patch is what a line can cross.
+//
+// Sampler and truth share this one view of a surface. A patch sits inside a convex body (a flat
+// triangle or parallelogram, or a parallelepiped) and meets a line at most `max_crossings` times:
+//   mesh       a triangle a patch          flat body    1 crossing
+//   rectangle  one patch                   flat body    1
+//   implicit   one patch, its bounds       box          1, 2 or 4
+//   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+
+#include "core/vec.hpp"
+#include "io/mesh_file.hpp"
+#include "scene/scene.hpp"
+
+namespace pellucid {
+
+/// A convex body in world space, spanned by edges from one corner.
+struct Body {
+    enum class Kind : std::uint8_t { triangle, parallelogram, parallelepiped };
+    Kind kind = Kind::parallelepiped;
+    Vec3 corner{0.0};
+    Vec3 edge[3]{Vec3(0.0), Vec3(0.0), Vec3(0.0)};  // the third is unused where the body is flat
+
+    [[nodiscard]] bool flat() const { return kind != Kind::parallelepiped; }
+    /// Writes the 3, 4 or 8 vertices and returns how many.
+    int vertices(std::span<Vec3, 8> out) const;
+    /// Flat: its area. Else half of its surface. Half the expected crossings of the body by the lines
+    /// that meet it times this is the area of whatever lies inside (Cauchy-Crofton).
+    [[nodiscard]] double crofton_area() const;
+};
+
+/// Where a line crosses a surface.
+struct Crossing {
+    double t = 0;          // along the line
+    Vec3 normal{0.0};      // geometric, world; not normalised, never zero
+};
+
+inline constexpr int kMaxCrossings = 4;
+
+/// origin + t·direction for t in [t_lo, t_hi], in world space.
+struct Line {
+    Vec3 origin;
+    Vec3 direction;
+    double t_lo;
+    double t_hi;
+};
+
+class SurfaceGeometry {
+public:
+    virtual ~SurfaceGeometry() = default;
+
+    [[nodiscard]] virtual std::size_t patch_count() const = 0;
+    [[nodiscard]] virtual Body body(std::size_t patch) const = 0;
+    [[nodiscard]] virtual int max_crossings() const = 0;
+    /// Every crossing of a line with the part of the surface in the patch's body, ascending in t.
+    virtual int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const = 0;
+    /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.
+    [[nodiscard]] virtual bool excludes(std::size_t patch, const Body& part) const;
+    /// Normal for shading at a point of the patch, world, not normalised.
+    [[nodiscard]] virtual Vec3 shading_normal(std::size_t patch, const Vec3& point, const Vec3& geometric) const;
+    /// Geometric normal at a point of a flat patch, world, not normalised.
+    [[nodiscard]] Vec3 flat_normal(std::size_t patch) const;
+    [[nodiscard]] virtual Box bounds() const = 0;
+    /// Colour that replaces the surface's own, linear: rectangles with an image.
+    [[nodiscard]] virtual bool has_color() const { return false; }
+    [[nodiscard]] virtual Vec3 color(const Vec3& point) const;
+    /// The triangles in world space, where the patches are triangles.
+    [[nodiscard]] virtual const TriangleMesh* mesh() const { return nullptr; }
+    /// Bytes held.
+    [[nodiscard]] virtual std::size_t bytes() const = 0;
+};
+
+/// True where this program can turn the shape into geometry (all but expressions, point sets,
+/// slices and interpolations other than trilinear).
+[[nodiscard]] bool has_geometry(const Shape& shape);
+
+/// Reads files and builds the geometry of one surface. Throws Error(input) naming surface and file.
+/// A surface without any patch (an isovalue that is never crossed) is legal and warned of.
+[[nodiscard]] std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface);
+
+}  // namespace pellucid

@@ -1,0 +1,164 @@
+// Isosurfaces of trilinear volumes: a patch for every cell that the isovalue passes through.
+#include <algorithm>
+#include <cmath>
+
+#include "field/polynomial.hpp"
+#include "io/volume_file.hpp"
+#include "scene/geometry_makers.hpp"
+
+namespace pellucid {
+namespace {
+
+/// A trilinear function on the unit cube, by its corner values (x fastest).
+struct TrilinearCell {
+    std::array<double, 8> corner;
+
+    [[nodiscard]] double operator()(double x, double y, double z) const {
+        const auto lerp = [](double a, double b, double t) { return a + t * (b - a); };
+        return lerp(lerp(lerp(corner[0], corner[1], x), lerp(corner[2], corner[3], x), y),
+                    lerp(lerp(corner[4], corner[5], x), lerp(corner[6], corner[7], x), y), z);
+    }
+    [[nodiscard]] Vec3 gradient(const Vec3& p) const {
+        return {(*this)(1, p.y, p.z) - (*this)(0, p.y, p.z), (*this)(p.x, 1, p.z) - (*this)(p.x, 0, p.z),
+                (*this)(p.x, p.y, 1) - (*this)(p.x, p.y, 0)};
+    }
+    /// The cubic on the segment a → b. Its Bernstein coefficients are the blossom: one coordinate of
+    /// each of three arguments, so all of them are values of the field inside the cell.
+    [[nodiscard]] Bernstein along(const Vec3& a, const Vec3& b) const {
+        const TrilinearCell& f = *this;
+        Bernstein p;
+        p.count = 4;
+        p.b[0] = f(a.x, a.y, a.z);
+        p.b[1] = (f(b.x, a.y, a.z) + f(a.x, b.y, a.z) + f(a.x, a.y, b.z)) / 3;
+        p.b[2] = (f(b.x, b.y, a.z) + f(b.x, a.y, b.z) + f(a.x, b.y, b.z)) / 3;
+        p.b[3] = f(b.x, b.y, b.z);
+        return p;
+    }
+};
+
+class IsosurfaceGeometry final : public SurfaceGeometry {
+public:
+    IsosurfaceGeometry(VoxelGrid grid, double isovalue, const Affine& to_world)
+        : grid_(std::move(grid)),
+          isovalue_(isovalue),
+          to_world_(compose(to_world, grid_.index_to_world)),
+          to_index_(to_world_.inverse()) {
+        find_cells();
+    }
+
+    [[nodiscard]] std::size_t patch_count() const override { return cells_.size(); }
+    [[nodiscard]] int max_crossings() const override { return 3; }
+
+    [[nodiscard]] Body body(std::size_t patch) const override {
+        return {Body::Kind::parallelepiped,
+                to_world_.point(Vec3(origin(patch))),
+                {to_world_.linear[0], to_world_.linear[1], to_world_.linear[2]}};
+    }
+
+    int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const override {
+        const Vec3 base(origin(patch));
+        const Vec3 from = to_index_.point(line.origin) - base;
+        const Vec3 direction = to_index_.vector(line.direction);
+        double lo = line.t_lo;
+        double hi = line.t_hi;
+        for (int axis = 0; axis < 3; ++axis) {
+            if (direction[axis] == 0) {
+                if (from[axis] < 0 || from[axis] >= 1) return 0;  // half-open: one of two neighbours takes it
+                continue;
+            }
+            const double a = -from[axis] / direction[axis];
+            const double b = (1 - from[axis]) / direction[axis];
+            lo = std::max(lo, std::min(a, b));
+            hi = std::min(hi, std::max(a, b));
+        }
+        if (!(lo < hi)) return 0;
+        const TrilinearCell cell = values(patch);
+        const auto inside = [](const Vec3& p) { return glm::clamp(p, Vec3(0.0), Vec3(1.0)); };
+        std::array<double, 3> root{};
+        const int found = sign_changes(cell.along(inside(from + lo * direction), inside(from + hi * direction)), root);
+        for (int i = 0; i < found; ++i) {
+            const double t = lo + root[static_cast<std::size_t>(i)] * (hi - lo);
+            const Vec3 normal = to_world_.normal(cell.gradient(inside(from + t * direction)));
+            out[static_cast<std::size_t>(i)] = {t, normal == Vec3(0.0) ? -line.direction : normal};
+        }
+        return found;
+    }
+
+    [[nodiscard]] Box bounds() const override {
+        Box box;
+        std::array<Vec3, 8> corners;
+        for (std::size_t patch = 0; patch < cells_.size(); ++patch) {
+            const int count = body(patch).vertices(corners);
+            for (int i = 0; i < count; ++i) box.include(corners[static_cast<std::size_t>(i)]);
+        }
+        return box;
+    }
+    [[nodiscard]] std::size_t bytes() const override {
+        return sizeof(float) * grid_.values.size() + sizeof(std::uint64_t) * cells_.size();
+    }
+
+private:
+    /// Cells with corners on both sides. A cell with a corner that is not a number has no surface.
+    void find_cells() {
+        const auto [nx, ny, nz] = grid_.size;
+        std::size_t lost = 0;
+        for (int k = 0; k + 1 < nz; ++k)
+            for (int j = 0; j + 1 < ny; ++j)
+                for (int i = 0; i + 1 < nx; ++i) {
+                    const std::size_t first = sample(i, j, k);
+                    int above = 0;
+                    bool finite = true;
+                    for (int corner = 0; corner < 8; ++corner) {
+                        const float value = grid_.values[first + step(corner)];
+                        above += value >= isovalue_ ? 1 : 0;
+                        finite = finite && std::isfinite(value);
+                    }
+                    if (!finite) {
+                        ++lost;
+                    } else if (above > 0 && above < 8) {
+                        cells_.push_back(first);
+                    }
+                }
+        if (lost > 0) warn("isosurface: {} cells with a NaN or infinite voxel are empty", lost);
+    }
+
+    [[nodiscard]] std::size_t sample(int i, int j, int k) const {
+        return static_cast<std::size_t>(i) +
+               static_cast<std::size_t>(grid_.size[0]) *
+                   (static_cast<std::size_t>(j) + static_cast<std::size_t>(grid_.size[1]) * static_cast<std::size_t>(k));
+    }
+    [[nodiscard]] std::size_t step(int corner) const { return sample(corner & 1, (corner >> 1) & 1, corner >> 2); }
+
+    [[nodiscard]] glm::ivec3 origin(std::size_t patch) const {
+        const auto nx = static_cast<std::uint64_t>(grid_.size[0]);
+        const auto ny = static_cast<std::uint64_t>(grid_.size[1]);
+        const std::uint64_t first = cells_[patch];
+        return {static_cast<int>(first % nx), static_cast<int>(first / nx % ny), static_cast<int>(first / nx / ny)};
+    }
+    [[nodiscard]] TrilinearCell values(std::size_t patch) const {
+        TrilinearCell cell{};
+        for (int corner = 0; corner < 8; ++corner)
+            cell.corner[static_cast<std::size_t>(corner)] =
+                static_cast<double>(grid_.values[cells_[patch] + step(corner)]) - isovalue_;
+        return cell;
+    }
+
+    VoxelGrid grid_;
+    double isovalue_;
+    Affine to_world_;
+    Affine to_index_;
+    std::vector<std::uint64_t> cells_;  // their first sample
+};
+
+}  // namespace
+
+std::unique_ptr<SurfaceGeometry> make_isosurface(const Surface& surface, const IsosurfaceShape& shape) {
+    auto geometry =
+        std::make_unique<IsosurfaceGeometry>(read_volume(shape.volume), shape.isovalue, surface.to_world);
+    if (geometry->patch_count() == 0)
+        warn("surface \"{}\": {} never crosses isovalue {}: nothing to draw", surface.name, shape.volume.string(),
+             shape.isovalue);
+    return geometry;
+}
+
+}  // namespace pellucid

@@ -1,0 +1,44 @@
+#include "scene/prepared_scene.hpp"
+
+#include <cmath>
+
+#include "core/error.hpp"
+
+namespace pellucid {
+
+bool Object::keeps(const Vec3& world) const {
+    for (const ClipPlane& plane : surface.clip)
+        if (dot(plane.normal, world) > plane.offset) return false;
+    // An implicit's bounds are part of its geometry: asking again would cut by rounding.
+    if (surface.bounds && !std::holds_alternative<ImplicitShape>(surface.shape)) {
+        const Vec3 p = to_object.point(world);
+        for (int axis = 0; axis < 3; ++axis)
+            if (p[axis] < surface.bounds->lo[axis] || p[axis] > surface.bounds->hi[axis]) return false;
+    }
+    return true;
+}
+
+double Object::opacity(double cos_theta) const {
+    if (surface.opacity_law == OpacityLaw::constant || surface.opacity == 1) return surface.opacity;
+    return -std::expm1(std::log1p(-surface.opacity) / cos_theta);
+}
+
+std::size_t PreparedScene::bytes() const {
+    std::size_t sum = 0;
+    for (const Object& object : objects) sum += object.geometry->bytes();
+    return sum;
+}
+
+PreparedScene prepare(const Scene& scene) {
+    std::vector<Object> objects;
+    Box visible;
+    for (const Surface& surface : scene.surfaces) {
+        if (!surface.contours.empty())
+            throw input_error("{}: surface \"{}\": contours are drawn by no method yet", scene.source, surface.name);
+        objects.push_back({surface, make_geometry(surface), surface.to_world.inverse()});
+        if (objects.back().geometry->patch_count() > 0) visible.include(objects.back().geometry->bounds());
+    }
+    return {scene, std::move(objects), Camera(scene.camera, scene.image, visible)};
+}
+
+}  // namespace pellucid

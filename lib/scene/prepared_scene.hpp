@@ -1,0 +1,35 @@
+// A scene with its files read and its camera placed: what every method starts from.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "scene/camera.hpp"
+#include "scene/geometry.hpp"
+#include "scene/scene.hpp"
+
+namespace pellucid {
+
+struct Object {
+    Surface surface;
+    std::unique_ptr<SurfaceGeometry> geometry;
+    Affine to_object;  // inverse of surface.to_world
+
+    /// False where a clip plane or the surface's bounds cut the point away.
+    [[nodiscard]] bool keeps(const Vec3& world) const;
+    /// Opacity of one crossing under angle θ by the surface's law; `cos_theta` = |cosθ| in (0, 1].
+    [[nodiscard]] double opacity(double cos_theta) const;
+};
+
+struct PreparedScene {
+    Scene settings;
+    std::vector<Object> objects;
+    Camera camera;
+
+    [[nodiscard]] std::size_t bytes() const;
+};
+
+/// Reads what the scene names. Throws Error(input) naming the object that cannot be drawn or read.
+[[nodiscard]] PreparedScene prepare(const Scene& scene);
+
+}  // namespace pellucid

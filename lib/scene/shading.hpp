@@ -1,0 +1,13 @@
+// The lights of a scene as seen from its camera, and the colour of a point of an object under them.
+#pragma once
+
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid {
+
+/// Linear colour of a visible point: Blinn-Phong of the scene's contract, evaluated by
+/// kernel/shading_twin.h in float32. May exceed 1.
+///   normal  for shading, world; any length but zero, either side
+[[nodiscard]] Vec3 shade(const PreparedScene& scene, const Object& object, const Vec3& world, const Vec3& normal);
+
+}  // namespace pellucid
