@@ -11,11 +11,18 @@ namespace {
 /// Least e with value <= 2^e.
 [[nodiscard]] int ceil_exponent(double value) { return value > 0 ? static_cast<int>(std::ceil(std::log2(value))) : 0; }
 
+/// Most pixels between the view axis and a border of the image, at least one.
+[[nodiscard]] double half_size(const Camera& camera) {
+    const Vec2 size(camera.width(), camera.height());
+    const Vec2 half = glm::max(glm::abs(camera.center()), glm::abs(size - camera.center()));
+    return std::max({half.x, half.y, 1.0});
+}
+
 }  // namespace
 
 ParticleFrame::ParticleFrame(const Camera& camera) : near(camera.near()) {
     const double reach = camera.perspective() ? camera.far() : 1;
-    const double half = 0.5 * camera.pixel_size() * std::max(camera.width(), camera.height()) * reach;
+    const double half = half_size(camera) * camera.pixel_size() * reach;
     exponent = ceil_exponent(std::max({camera.far() - camera.near(), half, camera.perspective() ? camera.far() : 0.0}));
 }
 
@@ -36,14 +43,14 @@ twin::Projection ParticleFrame::projection(const Camera& camera) const {
     p.width = camera.width();
     p.height = camera.height();
     p.perspective = camera.perspective() ? 1 : 0;
-    // w < 2^31 and center < 2^(size_bits−1): their product keeps below 2^62.
-    const int size_bits = ceil_exponent(std::max(p.width, p.height)) + 1;
-    p.fraction_bits = std::min(24, 31 - size_bits);
-    p.center_x = (static_cast<std::int64_t>(p.width) << p.fraction_bits) / 2;
-    p.center_y = (static_cast<std::int64_t>(p.height) << p.fraction_bits) / 2;
+    // w < 2^31 and |center| <= 2^size_bits: their product keeps below 2^62.
+    const int size_bits = ceil_exponent(half_size(camera) + 1) + 1;
+    p.fraction_bits = std::min(24, 30 - size_bits);
+    p.center_x = std::llround(std::ldexp(camera.center().x, p.fraction_bits));
+    p.center_y = std::llround(std::ldexp(camera.center().y, p.fraction_bits));
 
-    // In view |x| <= w·center/focal: x keeps as many bits as w has, focal the rest.
-    const double half = 0.5 * std::max(p.width, p.height) * camera.pixel_size();  // of the image, at depth 1
+    // In view |x| <= w·half/focal: x keeps as many bits as w has, focal the rest.
+    const double half = half_size(camera) * camera.pixel_size();  // of the image, at depth 1
     if (p.perspective != 0) {
         p.lateral_shift = -ceil_exponent(half);
         p.focal_fixed = std::llround(std::ldexp(1 / camera.pixel_size(), p.fraction_bits - p.lateral_shift));

@@ -7,11 +7,14 @@
 
 namespace pellucid {
 
-Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const Box& visible)
+Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const Box& visible,
+               std::optional<PixelRect> crop)
     : perspective_(settings.projection == Projection::perspective),
-      width_(image.width),
-      height_(image.height),
+      crop_(crop.value_or(PixelRect{0, 0, image.width, image.height})),
       eye_(settings.position) {
+    width_ = crop_.x1 - crop_.x0;
+    height_ = crop_.y1 - crop_.y0;
+    center_ = 0.5 * Vec2(image.width, image.height) - Vec2(crop_.x0, crop_.y0);
     axes_[2] = normalize(settings.target - settings.position);
     axes_[0] = normalize(cross(axes_[2], settings.up));
     axes_[1] = cross(axes_[2], axes_[0]);  // down
@@ -19,8 +22,8 @@ Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const
     constexpr double kHalfDegree = 3.14159265358979323846 / 360;
     const double image_height =
         perspective_ ? 2 * std::tan(settings.fov_degrees * kHalfDegree) : settings.view_height;
-    pixel_size_ = image_height / height_;
-    const Vec2 corner = 0.5 * pixel_size_ * Vec2(width_, height_);
+    pixel_size_ = image_height / image.height;
+    const Vec2 corner = pixel_size_ * glm::max(glm::abs(center_), glm::abs(Vec2(width_, height_) - center_));
     corner_cos_ = perspective_ ? 1 / std::sqrt(1 + dot(corner, corner)) : 1;
 
     double nearest = kInfinity;
@@ -45,8 +48,8 @@ Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const
 }
 
 Ray Camera::ray(double x, double y) const {
-    const double u = (x - 0.5 * width_) * pixel_size_;
-    const double v = (y - 0.5 * height_) * pixel_size_;
+    const double u = (x - center_.x) * pixel_size_;
+    const double v = (y - center_.y) * pixel_size_;
     const Vec3 aside = u * axes_[0] + v * axes_[1];
     if (perspective_) return {eye_, axes_[2] + aside};
     return {eye_ + aside, axes_[2]};
@@ -54,7 +57,7 @@ Ray Camera::ray(double x, double y) const {
 
 Vec2 Camera::project(const Vec3& view) const {
     const double scale = 1 / (perspective_ ? pixel_size_ * view.z : pixel_size_);
-    return {0.5 * width_ + view.x * scale, 0.5 * height_ + view.y * scale};
+    return center_ + scale * Vec2(view);
 }
 
 double Camera::pixel_area(const Vec3& view) const {
@@ -65,10 +68,10 @@ double Camera::pixel_area(const Vec3& view) const {
 
 int Camera::outside_mask(const Vec3& view) const {
     const double depth = perspective_ ? view.z : 1;
-    const double half_width = 0.5 * width_ * pixel_size_ * depth;
-    const double half_height = 0.5 * height_ * pixel_size_ * depth;
-    return (view.x < -half_width ? 1 : 0) | (view.x > half_width ? 2 : 0) | (view.y < -half_height ? 4 : 0) |
-           (view.y > half_height ? 8 : 0) | (view.z < near_ ? 16 : 0) | (view.z > far_ ? 32 : 0);
+    const Vec2 lo = -center_ * pixel_size_ * depth;
+    const Vec2 hi = (Vec2(width_, height_) - center_) * pixel_size_ * depth;
+    return (view.x < lo.x ? 1 : 0) | (view.x > hi.x ? 2 : 0) | (view.y < lo.y ? 4 : 0) | (view.y > hi.y ? 8 : 0) |
+           (view.z < near_ ? 16 : 0) | (view.z > far_ ? 32 : 0);
 }
 
 std::optional<Camera::AreaRange> Camera::pixel_area_range(const Vec3* points, int count) const {

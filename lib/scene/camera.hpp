@@ -16,15 +16,25 @@ struct Ray {
     Vec3 direction;  // dot(direction, forward) = 1
 };
 
+/// Pixels x0 <= x < x1, y0 <= y < y1 of an image.
+struct PixelRect {
+    int x0 = 0, y0 = 0, x1 = 0, y1 = 0;
+};
+
 class Camera {
 public:
     /// `visible` bounds all objects in world coordinates; near and far come from it when the
     /// settings give none: near = its nearest depth, but not below 1e-9 of its size and of 0.
-    Camera(const CameraSettings& settings, const ImageSettings& image, const Box& visible);
+    /// With `crop` the camera sees that part of the image only: its pixel (0, 0) is (x0, y0) there.
+    Camera(const CameraSettings& settings, const ImageSettings& image, const Box& visible,
+           std::optional<PixelRect> crop = std::nullopt);
 
     [[nodiscard]] bool perspective() const { return perspective_; }
     [[nodiscard]] int width() const { return width_; }
     [[nodiscard]] int height() const { return height_; }
+    [[nodiscard]] const PixelRect& crop() const { return crop_; }
+    /// Image position of the view axis, in pixels of the crop.
+    [[nodiscard]] const Vec2& center() const { return center_; }
     [[nodiscard]] double near() const { return near_; }
     [[nodiscard]] double far() const { return far_; }
     [[nodiscard]] const Vec3& eye() const { return eye_; }
@@ -62,10 +72,12 @@ private:
 
     bool perspective_;
     int width_, height_;
+    PixelRect crop_;
+    Vec2 center_;
     Vec3 eye_;
     Vec3 axes_[3];
     double pixel_size_;
-    double corner_cos_;  // cosβ at the image's corner
+    double corner_cos_;  // cosβ at the corner farthest from the axis
     double near_, far_;
 };
 

@@ -29,7 +29,7 @@ std::size_t PreparedScene::bytes() const {
     return sum;
 }
 
-PreparedScene prepare(const Scene& scene) {
+PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
     std::vector<Object> objects;
     Box visible;
     for (const Surface& surface : scene.surfaces) {
@@ -38,7 +38,7 @@ PreparedScene prepare(const Scene& scene) {
         objects.push_back({surface, make_geometry(surface), surface.to_world.inverse()});
         if (objects.back().geometry->patch_count() > 0) visible.include(objects.back().geometry->bounds());
     }
-    return {scene, std::move(objects), Camera(scene.camera, scene.image, visible)};
+    return {scene, std::move(objects), Camera(scene.camera, scene.image, visible, crop)};
 }
 
 }  // namespace pellucid

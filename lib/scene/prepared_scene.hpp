@@ -30,6 +30,6 @@ struct PreparedScene {
 };
 
 /// Reads what the scene names. Throws Error(input) naming the object that cannot be drawn or read.
-[[nodiscard]] PreparedScene prepare(const Scene& scene);
+[[nodiscard]] PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop = std::nullopt);
 
 }  // namespace pellucid

@@ -1,0 +1,49 @@
+// The ray-traced truth: every crossing of every ray, in order, composited front to back.
+#pragma once
+
+#include <cstdint>
+
+#include "core/image.hpp"
+#include "core/random.hpp"
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid {
+
+enum class PixelFilter {
+    /// Mean colour and opacity over the pixel's area.
+    box,
+    /// What particle rendering converges to: a particle covers its whole pixel wherever in it it lands, so
+    /// optical depth is averaged over the pixel, not opacity. The hits of all sub-rays are pooled, sorted
+    /// by depth, each given 1/n of its optical depth −ln(1−α), and composited (METHODS, first trap).
+    particle,
+};
+
+struct TruthSettings {
+    PixelFilter filter = PixelFilter::box;
+    Seed seed;
+    /// Sub-rays are added until the standard error of every channel is at most this …
+    double max_error = 0.002;
+    /// … or this many a pixel are spent; from 64 in steps of 4×.
+    int max_samples = 4096;
+};
+
+struct TruthStats {
+    std::uint64_t rays = 0;
+    std::uint64_t hits = 0;
+    std::uint64_t unresolved_pixels = 0;  // those that kept a larger error than asked
+    double worst_error = 0;               // largest standard error of a channel
+    double mean_square_error = 0;         // mean over pixels and R, G, B of the squared standard error
+    double build_s = 0;
+    double trace_s = 0;
+    std::int64_t embree_bytes = 0;
+};
+
+/// R, G, B (associated), A, Z (nearest depth over all sub-rays, +inf where none) and variance.R/G/B/A, the
+/// squared standard error of the pixel. With PixelFilter::particle also repeat_variance.R/G/B/A: the
+/// variance of that pixel in one repeat of a particle rendering, Σ w_i c_i² − (Σ w_i c_i)².
+///
+/// Four independent sets of jittered sub-rays (4×4 strata each, then 8×8, … until max_error) give a
+/// pixel's mean and the standard error of it.
+[[nodiscard]] Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats);
+
+}  // namespace pellucid

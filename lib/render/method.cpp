@@ -1,0 +1,38 @@
+#include "render/method.hpp"
+
+#include "core/error.hpp"
+#include "render/methods.hpp"
+
+namespace pellucid {
+
+const std::vector<Method>& methods() {
+    static const std::vector<Method> all{particles_method(), reference_method()};
+    return all;
+}
+
+const Method& method_by_name(std::string_view name) {
+    std::string known;
+    for (const Method& method : methods()) {
+        if (method.name == name) return method;
+        known += (known.empty() ? "" : ", ") + std::string(method.name);
+    }
+    throw input_error("--method {}: expected one of {}", name, known);
+}
+
+void require_drawable(const Method& method, const Scene& scene) {
+    if (const auto why = method.refusal(scene))
+        throw input_error("{}: method {} cannot draw {}", scene.source, method.name, *why);
+}
+
+std::optional<std::string> surfaces_without_geometry(const Scene& scene) {
+    for (const Volume& volume : scene.volumes) return fmt::format("volume \"{}\": it draws surfaces only", volume.name);
+    for (const Surface& surface : scene.surfaces) {
+        if (!has_geometry(surface.shape))
+            return fmt::format(
+                "surface \"{}\": of the kinds it draws implicit, mesh, rectangle and trilinear isosurface", surface.name);
+        if (!surface.contours.empty()) return fmt::format("surface \"{}\": it has contours", surface.name);
+    }
+    return std::nullopt;
+}
+
+}  // namespace pellucid

@@ -1,0 +1,14 @@
+// The makers of all methods: one function each, called by method.cpp.
+#pragma once
+
+#include "render/method.hpp"
+
+namespace pellucid {
+
+[[nodiscard]] Method particles_method();
+[[nodiscard]] Method reference_method();
+
+/// The refusal shared by methods that draw every surface with a geometry, and no volume.
+[[nodiscard]] std::optional<std::string> surfaces_without_geometry(const Scene& scene);
+
+}  // namespace pellucid

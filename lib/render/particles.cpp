@@ -1,0 +1,154 @@
+#include "render/particles.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "core/stopwatch.hpp"
+#include "render/methods.hpp"
+
+namespace pellucid {
+namespace {
+
+[[nodiscard]] ParticleSettings read_settings(const RenderInput& input) {
+    ParticleSettings s;
+    s.repeats = static_cast<std::uint32_t>(input.settings.integer("repeats", s.repeats, {.lo = 1, .hi = 1 << 24}));
+    (void)input.settings.one_of("sampler", "lines", {"lines"});
+    s.sampler.count = input.settings.choice<CountLaw>("count", CountLaw::poisson,
+                                                      {{"poisson", CountLaw::poisson}, {"binomial", CountLaw::binomial}});
+    s.memory_mib = input.settings.integer("memory_mib", s.memory_mib, {.lo = 1, .hi = 1 << 20});
+    s.sampler.seed = input.seed;
+    s.max_error = input.max_error;
+    return s;
+}
+
+/// Mean particles in one repeat, from the share of a few thousand trials that yield one.
+[[nodiscard]] double expected_particles(const std::vector<LineSampler>& samplers, const SamplerSettings& settings) {
+    constexpr std::uint64_t kProbes = 4096;
+    double sum = 0;
+    for (const LineSampler& sampler : samplers) {
+        if (!(sampler.virtual_pixels() > 0)) continue;
+        std::uint64_t kept = 0;
+        for (std::uint64_t i = 0; i < kProbes; ++i) kept += sampler.trial({0}, ~0U, i) ? 1U : 0U;
+        sum += mean_trials(sampler, settings.count) * static_cast<double>(kept) / static_cast<double>(kProbes);
+    }
+    return sum;
+}
+
+[[nodiscard]] std::int64_t frame_bytes(const Camera& camera) {
+    const std::int64_t pixels = std::int64_t{camera.width()} * camera.height();
+    const auto one_thread = static_cast<std::int64_t>(sizeof(std::uint64_t) + sizeof(std::uint32_t) + sizeof(EnsembleSums::Pixel));
+    return pixels * (one_thread * thread_count() + static_cast<std::int64_t>(sizeof(EnsembleSums::Pixel)));
+}
+
+/// Repeats that fit in memory together: what was asked for, but at least one a thread.
+[[nodiscard]] std::uint32_t batch_size(const ParticleSettings& settings, double particles_a_repeat) {
+    const double fit = static_cast<double>(settings.memory_mib) * 0x1p20 / (sizeof(Particle) * std::max(1.0, particles_a_repeat));
+    return static_cast<std::uint32_t>(std::clamp(fit, static_cast<double>(thread_count()), static_cast<double>(settings.repeats)));
+}
+
+/// Largest estimated standard error of a channel's mean.
+[[nodiscard]] double largest_error(const EnsembleSums& sums) {
+    const auto n = static_cast<double>(sums.repeats);
+    if (n < 2) return kInfinity;
+    double worst = 0;
+    for (const EnsembleSums::Pixel& p : sums.pixels) {
+        const auto spread = [&](double sum, double squares) { return (squares - sum * sum / n) / (n * (n - 1)); };
+        for (int c = 0; c < 3; ++c)
+            worst = std::max(worst, spread(static_cast<double>(p.color[c]), static_cast<double>(p.square[c])) / (65535.0 * 65535.0));
+        worst = std::max(worst, spread(p.covered, p.covered));
+    }
+    return std::sqrt(worst);
+}
+
+[[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
+    const ParticleSettings settings = read_settings(input);
+    const std::vector<LineSampler> samplers = make_samplers(input.scene);
+    std::size_t pieces = 0;
+    std::size_t sampler_bytes = 0;
+    double trials = 0;
+    for (const LineSampler& sampler : samplers) {
+        pieces += sampler.piece_count();
+        sampler_bytes += sampler.bytes();
+        trials += mean_trials(sampler, settings.sampler.count);
+    }
+    const double particles = expected_particles(samplers, settings.sampler);
+    const std::uint32_t batch = batch_size(settings, particles);
+    return {
+        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", samplers.size())},
+        {"cut into pieces", 0, static_cast<std::int64_t>(sampler_bytes), fmt::format("{} pieces", pieces)},
+        {"sample particles", 0, static_cast<std::int64_t>(particles * batch * sizeof(Particle)),
+         fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time", particles, trials,
+                     settings.repeats, batch)},
+        {"project and average", 0, frame_bytes(input.scene.camera), fmt::format("{} threads", thread_count())},
+        {"image", 0, std::int64_t{9 * 4} * input.scene.camera.width() * input.scene.camera.height(), "9 planes"},
+    };
+}
+
+}  // namespace
+
+Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                       const std::function<void(double)>& progress) {
+    Stopwatch watch;
+    const std::vector<LineSampler> samplers = make_samplers(scene);
+    const std::uint32_t batch = batch_size(settings, expected_particles(samplers, settings.sampler));
+    Stage cutting{"cut into pieces", watch.lap(), 0, ""};
+    for (const LineSampler& sampler : samplers) cutting.bytes += static_cast<std::int64_t>(sampler.bytes());
+    Stage sampling{"sample particles", 0, 0, ""};
+    Stage drawing{"project and average", 0, frame_bytes(scene.camera), ""};
+
+    EnsembleSums sums{std::vector<EnsembleSums::Pixel>(static_cast<std::size_t>(scene.camera.width()) *
+                                                       static_cast<std::size_t>(scene.camera.height()))};
+    // With an error to reach, the number of repeats doubles until it is reached: a rule that does not
+    // depend on memory or threads, so neither does the image.
+    std::uint32_t done = 0;
+    std::uint32_t goal = settings.max_error ? std::min(16U, settings.repeats) : settings.repeats;
+    while (done < settings.repeats) {
+        const std::uint32_t count = std::min(batch, goal - done);
+        const ParticleSet set = sample_particles(scene, samplers, settings.sampler, done, count);
+        sampling.wall_s += watch.lap();
+        sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
+        draw_ensemble(scene, set, sums);
+        drawing.wall_s += watch.lap();
+        done += count;
+        progress(static_cast<double>(done) / settings.repeats);
+        if (done < goal) continue;
+        if (settings.max_error && largest_error(sums) <= *settings.max_error) break;
+        goal = std::min(settings.repeats, 2 * goal);
+    }
+    Image image = ensemble_image(scene.camera, ParticleFrame(scene.camera), sums);
+
+    stats.particles = sums.particles;
+    stats.repeats = sums.repeats;
+    for (Stage& stage : {std::ref(cutting), std::ref(sampling), std::ref(drawing)}) {
+        stats.total_s += stage.wall_s;
+        stats.stages.push_back(std::move(stage));
+    }
+    return image;
+}
+
+Method particles_method() {
+    return {
+        "particles",
+        "opaque particles, ensemble mean (PBSR): implicit, mesh, rectangle, trilinear isosurface; no volumes",
+        {
+            {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
+            {"particles.sampler", "\"lines\"", "random lines, one crossing of a line at most (exact mode)"},
+            {"particles.count", "\"poisson\"", "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
+            {"particles.memory_mib", "1024", "particles held at a time"},
+        },
+        surfaces_without_geometry,
+        plan_particles,
+        [](const RenderInput& input, RenderStats& stats) {
+            const ParticleSettings settings = read_settings(input);
+            for (const Object& object : input.scene.objects)
+                if (object.surface.opacity > kMostParticleOpacity)
+                    warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many",
+                         object.surface.name, object.surface.opacity);
+            return render_particles(input.scene, settings, stats, input.progress);
+        },
+    };
+}
+
+}  // namespace pellucid

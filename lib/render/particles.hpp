@@ -1,0 +1,24 @@
+// Particle-based surface rendering (PBSR, Tanaka et al. 2012) on the CPU.
+#pragma once
+
+#include "cpu/particle_stages.hpp"
+#include "render/method.hpp"
+#include "sample/particle_sampler.hpp"
+
+namespace pellucid {
+
+struct ParticleSettings {
+    std::uint32_t repeats = 500;  // L_R
+    SamplerSettings sampler;
+    /// Particles held at a time: repeats are sampled, drawn and forgotten in batches of this size.
+    std::int64_t memory_mib = 1024;
+    /// Stop before `repeats` once every pixel's estimated standard error is at most this.
+    std::optional<double> max_error;
+};
+
+/// Particle generation → projection with occlusion → averaging, batch by batch.
+/// Planes: see ensemble_image.
+[[nodiscard]] Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                                     const std::function<void(double)>& progress = [](double) {});
+
+}  // namespace pellucid

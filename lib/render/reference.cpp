@@ -1,0 +1,62 @@
+// The method `reference`: the Embree truth behind the common face of all methods.
+#include "core/parallel.hpp"
+#include "reference/truth.hpp"
+#include "render/methods.hpp"
+
+namespace pellucid {
+namespace {
+
+[[nodiscard]] TruthSettings read_settings(const RenderInput& input) {
+    TruthSettings s;
+    s.filter = input.settings.choice<PixelFilter>("filter", PixelFilter::box,
+                                                  {{"box", PixelFilter::box}, {"particle", PixelFilter::particle}});
+    s.max_error = input.settings.number("max_error", s.max_error, above(0));
+    s.max_samples = static_cast<int>(input.settings.integer("max_samples", s.max_samples, {.lo = 64, .hi = 1 << 20}));
+    if (input.max_error) s.max_error = *input.max_error;
+    s.seed = input.seed;
+    return s;
+}
+
+[[nodiscard]] std::vector<Stage> plan_reference(const RenderInput& input) {
+    const TruthSettings settings = read_settings(input);
+    std::size_t patches = 0;
+    for (const Object& object : input.scene.objects) patches += object.geometry->patch_count();
+    const std::int64_t planes = settings.filter == PixelFilter::particle ? 13 : 9;
+    // Embree's own estimate of a BVH is about 100 bytes a primitive at medium quality.
+    return {
+        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", input.scene.objects.size())},
+        {"build ray scene", 0, static_cast<std::int64_t>(100 * patches), fmt::format("{} patches", patches)},
+        {"trace", 0, 0, fmt::format("64 to {} rays a pixel, standard error <= {}", settings.max_samples, settings.max_error)},
+        {"image", 0, 4 * planes * input.scene.camera.width() * input.scene.camera.height(), fmt::format("{} planes", planes)},
+    };
+}
+
+}  // namespace
+
+Method reference_method() {
+    return {
+        "reference",
+        "ray-traced truth, all crossings in order: implicit, mesh, rectangle, trilinear isosurface; no volumes",
+        {
+            {"reference.filter", "\"box\"", "\"box\": mean over the pixel; \"particle\": what particles converge to"},
+            {"reference.max_error", "0.002", "standard error to reach in every channel (also --max-error)"},
+            {"reference.max_samples", "4096", "most sub-rays a pixel; the first estimate takes 64"},
+        },
+        surfaces_without_geometry,
+        plan_reference,
+        [](const RenderInput& input, RenderStats& stats) {
+            TruthStats truth;
+            Image image = trace_truth(input.scene, read_settings(input), truth);
+            stats.stages.push_back({"build ray scene", truth.build_s, truth.embree_bytes, ""});
+            stats.stages.push_back({"trace", truth.trace_s, 0, ""});
+            stats.total_s += truth.build_s + truth.trace_s;
+            stats.rays = truth.rays;
+            stats.hits = truth.hits;
+            stats.unresolved_pixels = truth.unresolved_pixels;
+            stats.worst_error = truth.worst_error;
+            return image;
+        },
+    };
+}
+
+}  // namespace pellucid

@@ -1,0 +1,174 @@
+// Renders one scene file by one method:
+//   render SCENE.toml --method M -o OUT.exr [--stats S.json] [--crop x0,y0,x1,y1] [--max-error E] [--plan]
+#include <cstdio>
+#include <filesystem>
+
+#include <fmt/ranges.h>
+#include <nlohmann/json.hpp>
+
+#include "core/error.hpp"
+#include "core/stopwatch.hpp"
+#include "field/catalogue.hpp"
+#include "harness/options.hpp"
+#include "harness/provenance.hpp"
+#include "io/atomic_file.hpp"
+#include "io/image_file.hpp"
+#include "render/method.hpp"
+#include "scene/scene_file.hpp"
+
+namespace {
+
+using namespace pellucid;
+using nlohmann::ordered_json;
+
+struct RenderOptions : RunOptions {
+    std::string scene, method, output;
+    std::optional<std::string> stats, crop;
+    std::optional<double> max_error;
+    bool plan = false, validate = false, list = false, list_implicit = false;
+};
+
+void list_methods() {
+    for (const Method& method : methods()) {
+        std::string line = fmt::format("{}: {}", method.name, method.summary);
+        for (const SettingInfo& s : method.settings) line += fmt::format("; {} = {} ({})", s.key, s.default_text, s.meaning);
+        std::puts(line.c_str());
+    }
+}
+
+void list_catalogue() {
+    for (const CatalogueEntry& e : catalogue()) {
+        std::string parameters;
+        for (const auto& p : e.parameters) parameters += fmt::format("{}{} = {}", parameters.empty() ? "" : ", ", p.name, p.value);
+        fmt::print("{}: {} = 0; axis z; parameters {{{}}}; bounds {}\n", e.name, e.equation, parameters, e.bounds);
+    }
+}
+
+/// x0,y0,x1,y1 within the image.
+PixelRect parse_crop(const std::string& text, const ImageSettings& image) {
+    PixelRect r;
+    char rest = 0;
+    const int read = std::sscanf(text.c_str(), "%d,%d,%d,%d%c", &r.x0, &r.y0, &r.x1, &r.y1, &rest);
+    if (read != 4 || r.x0 < 0 || r.y0 < 0 || r.x1 <= r.x0 || r.y1 <= r.y0 || r.x1 > image.width || r.y1 > image.height)
+        throw input_error("--crop {}: expected x0,y0,x1,y1 with 0 <= x0 < x1 <= {} and 0 <= y0 < y1 <= {}", text,
+                          image.width, image.height);
+    return r;
+}
+
+ordered_json stats_json(const RenderOptions& options, const RenderStats& stats, Seed seed, double total_s) {
+    ordered_json stages = ordered_json::array();
+    for (const Stage& s : stats.stages)
+        stages.push_back({{"name", s.name}, {"wall_s", s.wall_s}, {"device_s", nullptr}, {"bytes", s.bytes}});
+    ordered_json json{{"method", options.method}, {"backend", "cpu"},   {"device", host_info().cpu}, {"seed", seed.value},
+                      {"stages", stages},         {"total_s", total_s}, {"peak_rss_bytes", peak_rss_bytes()},
+                      {"device_bytes", nullptr}};
+    if (stats.repeats > 0) {
+        json["particles"] = stats.particles;
+        json["repeats"] = stats.repeats;
+    } else {
+        json["rays"] = stats.rays;
+        json["hits"] = stats.hits;
+        json["unresolved_pixels"] = stats.unresolved_pixels;
+        json["worst_standard_error"] = stats.worst_error;
+    }
+    json["commit"] = build_info().commit;
+    return json;
+}
+
+void print_plan(const std::vector<Stage>& stages) {
+    std::int64_t sum = 0;
+    for (const Stage& s : stages) {
+        fmt::print("{:<20} {:>14} bytes  {}\n", s.name, s.bytes, s.note);
+        sum += s.bytes;
+    }
+    fmt::print("{:<20} {:>14} bytes\n", "total", sum);
+}
+
+/// Overrides that name a method's table go to the method, all others to the scene.
+Config method_config(const RenderOptions& options, std::vector<std::string>& scene_overrides) {
+    Config config = Config::parse("", "--set");
+    for (const std::string& assignment : options.overrides) {
+        if (is_scene_override(assignment)) {
+            scene_overrides.push_back(assignment);
+        } else {
+            config.apply_override(assignment);
+        }
+    }
+    return config;
+}
+
+int run(RenderOptions options) {
+    Stopwatch watch;
+    const Method& method = method_by_name(options.method);
+    std::vector<std::string> scene_overrides;
+    const Config settings = method_config(options, scene_overrides);
+    const Scene scene = load_scene(options.scene, scene_overrides);
+    require_drawable(method, scene);
+    const std::filesystem::path output(options.output);
+    if (!options.plan && output.extension() != ".exr" && output.extension() != ".png")
+        throw input_error("-o {}: expected a name that ends in .exr or .png", options.output);
+    const auto crop = options.crop ? std::optional(parse_crop(*options.crop, scene.image)) : std::nullopt;
+    if (options.max_error && !(*options.max_error > 0))
+        throw input_error("--max-error {}: expected > 0", *options.max_error);
+
+    const PreparedScene prepared = prepare(scene, crop);
+    const RenderInput input{.scene = prepared,
+                            .settings = settings.root().table(method.name),
+                            .seed = {options.seed.value_or(0)},
+                            .max_error = options.max_error};
+    const auto planned = method.plan(input);
+    settings.finish();
+    if (options.plan) {
+        print_plan(planned);
+        return 0;
+    }
+
+    RenderStats stats;
+    stats.stages.push_back({"read scene", watch.lap(), static_cast<std::int64_t>(prepared.bytes()), ""});
+    double total_s = stats.stages.back().wall_s;
+    Image image = method.render(input, stats);
+    total_s += watch.lap();
+    image.attributes["scene"] = options.scene;
+    image.attributes["method"] = options.method;
+    image.attributes["settings"] = settings.to_json();
+    image.attributes["overrides"] = fmt::format("{}", fmt::join(options.overrides, " "));
+    image.attributes["seed"] = std::to_string(input.seed.value);
+    image.attributes["commit"] = build_info().commit;
+    image.attributes["device"] = host_info().cpu;
+    if (output.extension() == ".png") {
+        write_png(image, scene.image.background, output);
+    } else {
+        write_exr(image, output);
+    }
+    if (options.stats) write_text_file(*options.stats, stats_json(options, stats, input.seed, total_s).dump(2) + "\n");
+    return 0;
+}
+
+}  // namespace
+
+int main(int argc, char** argv) {
+    return guarded_main("render", [&] {
+        RenderOptions options;
+        Arguments arguments("render", "Renders one scene by one method.");
+        arguments.positional("SCENE", options.scene, "scene file (TOML)", false);
+        arguments.option("--method", options.method, "how to draw: see --list");
+        arguments.option("-o,--output", options.output, "OUT.exr (float32, linear) or OUT.png (8 bit, sRGB)");
+        arguments.option("--stats", options.stats, "write times, bytes and counts to this JSON file");
+        arguments.option("--crop", options.crop, "x0,y0,x1,y1: draw these pixels of the image only");
+        arguments.option("--max-error", options.max_error, "stop when every pixel's standard error is at most this");
+        arguments.flag("--plan", options.plan, "list stages and bytes, draw nothing");
+        arguments.flag("--validate", options.validate, "Vulkan: with validation layers (the CPU has none)");
+        arguments.flag("--list", options.list, "list methods with settings and what they draw");
+        arguments.flag("--list-implicit", options.list_implicit, "list the implicit surfaces by name");
+        add_run_options(arguments, options);
+        if (!arguments.parse(argc, argv)) return 0;
+        if (options.list) list_methods();
+        if (options.list_implicit) list_catalogue();
+        if (options.list || options.list_implicit) return 0;
+        if (options.scene.empty()) throw input_error("no scene file: see render --help");
+        if (options.method.empty()) throw input_error("no --method: see render --list");
+        if (options.output.empty() && !options.plan) throw input_error("no output file: -o OUT.exr");
+        apply_run_options(options);
+        return run(std::move(options));
+    });
+}
