@@ -32,7 +32,7 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 THEORY = "#555555"  # lines of theory and guides, always behind the measurements
 COLUMN_IN = 5.6     # width of one panel; two panels stand side by side in 2 × this
 DPI = 150
-SMALL_BYTES = 150_000  # what a committed figure may weigh
+SMALL_BYTES = 150_000  # what a committed figure may weigh; from a third of it on, 256 colours have to do
 
 plt.rcParams.update({
     "font.family": "DejaVu Sans", "font.size": 9, "axes.titlesize": 10, "axes.labelsize": 9,
@@ -106,10 +106,10 @@ def subplots(rows: int = 1, columns: int = 1, *, height_in: float = 3.6, **kwarg
 
 
 def _png(fig) -> bytes:
-    """The figure as PNG; with 256 colours where it would be heavy otherwise."""
+    """The figure as PNG, light enough to be kept in the repository."""
     buffer = io.BytesIO()
     fig.savefig(buffer, format="png", dpi=DPI, metadata={"Software": None})
-    if buffer.tell() > SMALL_BYTES:
+    if buffer.tell() > SMALL_BYTES / 3:
         image = Image.open(buffer).convert("RGB").quantize(256, dither=Image.Dither.NONE)
         buffer = io.BytesIO()
         image.save(buffer, format="PNG", optimize=True)

@@ -24,7 +24,7 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 STYLE = """
 :root { color-scheme: light dark; --line: #8884; --soft: #8882; --bad: #c0261c; --good: #16794a; --dim: #6b6b6b; }
 @media (prefers-color-scheme: dark) { :root { --bad: #ff8a80; --good: #6fd6a2; --dim: #a5a5a5; } }
-body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: anywhere; }
+body { font: 16px/1.5 system-ui, "DejaVu Sans", sans-serif; max-width: 62rem; margin: 0 auto; padding: 1rem; overflow-wrap: break-word; }
 h1 { font-size: 1.6rem; } h2 { font-size: 1.25rem; margin-top: 3rem; border-top: 1px solid var(--line); padding-top: 1rem; }
 .question { font-size: 1.1rem; margin: 0 0 .5rem; }
 .failed, .passed { font-weight: 600; } .failed { color: var(--bad); } .passed { color: var(--good); } .dim { color: var(--dim); }
@@ -39,13 +39,15 @@ pre { background: var(--soft); padding: .75rem; overflow-x: auto; font-size: .85
 
 @dataclass
 class Experiment:
-    """A result folder as the page shows it. `problem`: why there is nothing to judge, else empty."""
+    """A result folder as the page shows it. `problem`: why there is nothing to judge, else empty.
+    `kept`: only figures lie here, as the repository keeps them; nothing was run, nothing failed."""
     name: str
     folder: Path
     question: str = ""
     summary: dict = field(default_factory=dict)
     checks: list[dict] = field(default_factory=list)
     problem: str = ""
+    kept: bool = False
     notes: list[str] = field(default_factory=list)
     figures: list[tuple[Path, str]] = field(default_factory=list)
     date: str = ""
@@ -106,6 +108,9 @@ def read_experiment(folder: Path) -> Experiment:
     pictures = {file.name: file for file in sorted(folder.glob("*.png")) if not file.name.startswith(".")}
     order = [name for name in captions if name in pictures] + [name for name in pictures if name not in captions]
     experiment.figures = [(pictures[name], captions.get(name, "")) for name in order]
+    names = {file.name for file in folder.iterdir()}
+    if pictures and names <= set(pictures) | {f"{folder.name}.captions.json"}:
+        experiment.kept, experiment.problem = True, ""
     if isinstance(summary.get("date"), str):
         experiment.date = summary["date"]
     elif summary:
@@ -132,6 +137,8 @@ def words(value) -> str:
 
 
 def verdict(experiment: Experiment) -> str:
+    if experiment.kept:
+        return '<span class="dim">not run here; figures as kept in the repository</span>'
     if experiment.problem:
         return f'<span class="failed">no result: {escape(experiment.problem)}</span>'
     if experiment.failed:
@@ -146,6 +153,10 @@ def anchor(experiment: Experiment) -> str:
     return quote(experiment.name)
 
 
+def limit(check: dict) -> str:
+    return f"[{words(check['limit'])}]" if isinstance(check.get("limit"), list) else words(check.get("limit"))
+
+
 def check_rows(checks: list[dict]) -> str:
     rows = []
     for check in checks:
@@ -154,7 +165,7 @@ def check_rows(checks: list[dict]) -> str:
                     f'<td>{escape(str(check.get("name", "(unnamed)")))}</td>'
                     f'<td class="number">{escape(number(check.get("value")))}</td>'
                     f'<td>{escape(str(check.get("relation", "")))}</td>'
-                    f'<td class="number">{escape(words(check.get("limit")))}</td></tr>')
+                    f'<td class="number">{escape(limit(check))}</td></tr>')
     return "\n".join(rows)
 
 
@@ -207,7 +218,7 @@ def overview(experiments: list[Experiment]) -> str:
             link = f'<a href="#{escape(anchor(experiment))}">{escape(experiment.name)}</a>'
             reasons = [experiment.problem] if experiment.problem else [
                 f"{check.get('name', '(unnamed)')}: {number(check.get('value'))}, expected "
-                f"{check.get('relation', '')} {words(check.get('limit'))}" for check in experiment.failed]
+                f"{check.get('relation', '')} {limit(check)}" for check in experiment.failed]
             lines += [f"<li>{link}: {escape(reason)}</li>" for reason in reasons]
         parts.append(f'<div class="box"><p class="failed">Failed</p><ul>{"".join(lines)}</ul></div>')
     rows = "\n".join(f'<tr><td><a href="#{escape(anchor(experiment))}">{escape(experiment.name)}</a></td>'

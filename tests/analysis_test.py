@@ -87,6 +87,19 @@ class Report(Folder):
         self.assertEqual(page.text.count("no result:"), 8 * 2)  # in the overview and in the section
         self.assertIn("the one check holds", page.text)
 
+    def test_figures_without_a_run_are_no_failure(self):
+        (self.results / "kept").mkdir()
+        (self.results / "kept" / "figure.png").write_bytes(b"")
+        text = self.page().text
+        self.assertIn("not run here", text)
+        self.assertNotIn("Failed", text)
+
+    def test_a_run_without_summary_is_a_failure(self):
+        (self.results / "cut").mkdir()
+        for name in ("figure.png", "table.csv"):
+            (self.results / "cut" / name).write_bytes(b"")
+        self.assertIn("Failed", self.page().text)
+
     def test_strange_values_do_not_stop_the_page(self):
         self.experiment("one", [CHECK | {"value": None, "limit": [1, 2]}, CHECK | {"value": float("nan")}],
                         host={"cpu": "x", "flags": ["a", "b"]}, devices=None, wall_s="long", peak_rss_bytes=True, config={"a": 1})

@@ -14,6 +14,7 @@ repository=$(dirname "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")")
 [ $# -gt 0 ] || set -- "./reproduce --build-only" "./check"
 
 bare=$(mktemp -d)
+chmod 755 "$bare"
 trap 'rm -rf --one-file-system "$bare"' EXIT
 
 # What the commands below say and how long they take is the result.
@@ -35,7 +36,7 @@ apt-config dump | grep -E '^Acquire::(https?::.*Proxy|Check-)' >"$bare/etc/apt/a
 git -C "$repository" bundle create -q "$bare/root/pellucid.bundle" HEAD
 inside "apt-get update -qq && apt-get install -qq -y --no-install-recommends git >/dev/null 2>&1"
 # The lists go as well: set-up has to fetch its own.
-inside "rm -rf /var/lib/apt/lists/* && git clone -q /root/pellucid.bundle /root/pellucid"
+inside "rm -rf /var/lib/apt/lists/* && git -c advice.detachedHead=false clone -q /root/pellucid.bundle /root/pellucid"
 for command in "$@"; do
     inside "cd /root/pellucid && $command"
 done
