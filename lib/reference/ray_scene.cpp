@@ -207,10 +207,12 @@ void RayScene::gather(std::span<const Ray, kPacket> rays, PacketHits& hits) cons
         const double b = dot(from, along);
         const Vec3 nearest = from - (b / a) * along;
         const double reach = std::sqrt(std::max(0.0, (1.0001 - dot(nearest, nearest)) / a));
-        const double lo = std::max(scene_->camera.near(), -b / a - reach);
-        const double hi = std::min(scene_->camera.far(), -b / a + reach);
+        // With a hair of room at both ends: whether a hit lies between near and far is judged in double below.
+        const double hair = 1e-5 / std::sqrt(a);
+        const double lo = std::max(scene_->camera.near(), -b / a - reach) - hair;
+        const double hi = std::min(scene_->camera.far(), -b / a + reach) + hair;
         valid[i] = reach > 0 && lo <= hi ? -1 : 0;
-        const double span = std::max(hi - lo, 0x1p-40 / std::sqrt(a));
+        const double span = hi - lo;
         context.t_lo[i] = lo;
         context.t_span[i] = span;
         const Vec3 origin = from + lo * along;
@@ -221,9 +223,8 @@ void RayScene::gather(std::span<const Ray, kPacket> rays, PacketHits& hits) cons
         packet.ray.dir_x[i] = static_cast<float>(direction.x);
         packet.ray.dir_y[i] = static_cast<float>(direction.y);
         packet.ray.dir_z[i] = static_cast<float>(direction.z);
-        // A hair of room at both ends; depths are judged in double below.
-        packet.ray.tnear[i] = -1e-5F;
-        packet.ray.tfar[i] = 1 + 1e-5F;
+        packet.ray.tnear[i] = 0;
+        packet.ray.tfar[i] = 1;
         packet.ray.time[i] = 0;
         packet.ray.mask[i] = ~0U;
         packet.ray.id[i] = i;

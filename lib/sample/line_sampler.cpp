@@ -81,35 +81,43 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
     std::vector<double> weights;
     const std::size_t patches = object.geometry->patch_count();
     for (std::size_t patch = 0; patch < patches; ++patch)
-        add_pieces(static_cast<std::uint32_t>(patch), object.geometry->body(patch), -1, 0, weights);
+        add_pieces(static_cast<std::uint32_t>(patch), object.geometry->body(patch), 0, weights);
     for (const double w : weights) virtual_pixels_ += w;
     if (virtual_pixels_ > 0) build_alias_table(weights);
 }
 
-void LineSampler::add_pieces(std::uint32_t patch, const Body& body, std::int32_t part, int depth,
-                             std::vector<double>& weights) {
+/// Adds one body, whole or in parts, whichever needs fewer trials; returns its virtual pixels.
+double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth, std::vector<double>& weights) {
     std::array<Vec3, 8> corners;
     const int count = body.vertices(corners);
     const auto area = camera_->pixel_area_range(corners.data(), count);
-    if (!area) return;
-    if (!body.flat() && object_->geometry->excludes(patch, body)) return;
-    const double weight = object_->geometry->max_crossings() * body.crofton_area() / area->least;
-    if (!(weight > 0)) return;  // a body without extent
+    if (!area) return 0;
+    if (!body.flat() && object_->geometry->excludes(patch, body)) return 0;
+    const double whole = object_->geometry->max_crossings() * body.crofton_area() / area->least;
+    if (!(whole > 0)) return 0;  // a body without extent
 
-    const bool cut_by_view = weight > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
-    if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && weight > 1))) {
+    const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
+    if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && whole > 1))) {
+        const std::size_t pieces_before = pieces_.size();
+        const std::size_t parts_before = parts_.size();
         std::array<Body, 8> parts;
         const int part_count = cut(body, parts);
+        double sum = 0;
         for (int i = 0; i < part_count; ++i)
-            add_pieces(patch, parts[static_cast<std::size_t>(i)], 0, depth + 1, weights);
-        return;
+            sum += add_pieces(patch, parts[static_cast<std::size_t>(i)], depth + 1, weights);
+        if (sum < whole) return sum;
+        pieces_.resize(pieces_before);
+        weights.resize(pieces_before);
+        parts_.resize(parts_before);
     }
-    if (part >= 0) {
+    std::int32_t part = -1;  // the patch's own body
+    if (depth > 0) {
         part = static_cast<std::int32_t>(parts_.size());
         parts_.push_back(body);
     }
     pieces_.push_back({patch, part, area->least});
-    weights.push_back(weight);
+    weights.push_back(whole);
+    return whole;
 }
 
 void LineSampler::build_alias_table(const std::vector<double>& weights) {

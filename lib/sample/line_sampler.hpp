@@ -26,8 +26,8 @@ inline constexpr double kMostParticleOpacity = 1 - 0x1p-20;
 
 class LineSampler {
 public:
-    /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out,
-    /// and pieces over which s varies much are cut smaller. `object_id` keys the random numbers.
+    /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
+    /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random numbers.
     /// The object must outlive the sampler.
     LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id);
 
@@ -59,7 +59,7 @@ private:
     };
     struct Shot;
 
-    void add_pieces(std::uint32_t patch, const Body& body, std::int32_t part, int depth, std::vector<double>& weights);
+    double add_pieces(std::uint32_t patch, const Body& body, int depth, std::vector<double>& weights);
     void build_alias_table(const std::vector<double>& weights);
     [[nodiscard]] const Piece& pick_piece(std::uint64_t bits) const;
     [[nodiscard]] int shoot(const Piece& piece, const std::array<std::uint32_t, 4>& bits, std::uint32_t more_bits,
