@@ -109,7 +109,7 @@ TEST(Mesh, EveryFormatReadsTheSameSquare) {
         put(dir / "little.ply", binary_square(false)),
         put(dir / "big.PLY", binary_square(true)),
         put(dir / "a.off", "OFF # square\n5 1 0\n" + kSquare + "4 0 1 3 4 255 0 0\n"),
-        put(dir / "a.obj", "v 0 0 0\nv 1 0 0\nv 9 9 9\nv 1 1 0\nv 0 1 0\nf 1 2 -2 \\\n -1\n"),
+        put(dir / "a.obj", "v 0 0 0\nv 1 0 0\nv 9 9 9\nv 1 1 0\nv 0 1 0\n# a # b\nf 1 2 -2 \\\n -1 # c\n"),
         put(dir / "text.stl", kTextStl),
         put(dir / "binary.stl", binary_stl({{0, 0, 0, 1, 0, 0, 1, 1, 0}, {0, 0, 0, 1, 1, 0, 0, 1, 0}})),
     };

@@ -153,6 +153,15 @@ void normalise_normals(const Path& file, TriangleMesh& mesh) {
     mesh.normals.clear();
 }
 
+// assimp takes a comment behind a face for more of its corners.
+void blank_comments(std::string& text) {
+    for (std::size_t at = text.find('#'); at != std::string::npos; at = text.find('#', at)) {
+        const std::size_t end = std::min(text.find_first_of("\r\n", at), text.size());
+        std::fill(text.begin() + static_cast<std::ptrdiff_t>(at),
+                  text.begin() + static_cast<std::ptrdiff_t>(end), ' ');
+    }
+}
+
 bool all_have_normals(const Path& file, const aiScene& scene) {
     unsigned with = 0;
     for (unsigned m = 0; m < scene.mNumMeshes; ++m) with += scene.mMeshes[m]->HasNormals() ? 1U : 0U;
@@ -166,8 +175,9 @@ bool all_have_normals(const Path& file, const aiScene& scene) {
 
 TriangleMesh read_mesh(const Path& file) {
     const std::string extension = lower_extension(file);
-    const std::string bytes = read_input_file(file);
+    std::string bytes = read_input_file(file);
     const MeshCounts counts = check_mesh(file, extension, bytes);
+    if (extension == ".obj") blank_comments(bytes);
 
     Assimp::Importer importer;
     TriangleMesh mesh;
