@@ -199,6 +199,19 @@ TEST(OccupancyLaw, HasTheMomentsOfTheClosedForm) {
     }
 }
 
+TEST(OccupancyLaw, StandsStillOnceAllIsCovered) {
+    const auto law = covered_law({1e15, 20, 20});
+    ASSERT_TRUE(law);
+    EXPECT_EQ(law->first, 20);
+    ASSERT_EQ(law->probability.size(), 1U);
+    EXPECT_EQ(law->probability[0], 1);
+    // Nearly always all, and the rest of the law is still there.
+    const auto nearly = covered_law({4000, 20, 200});
+    ASSERT_TRUE(nearly);
+    const double missed = 20 * std::exp(4000 * std::log1p(-1.0 / 200));
+    EXPECT_NEAR(nearly->probability[nearly->probability.size() - 2] / missed, 1, 1e-7);
+}
+
 TEST(OccupancyLaw, SumOfRepeatsIsTheirConvolution) {
     const CountLaw coin{0, {0.5, 0.5}};
     const auto sum = law_of_sum(coin, 37);
