@@ -37,8 +37,8 @@ struct Limit {
 [[nodiscard]] Limit parse_limit(std::string_view text, Bound bound);
 
 struct ComparisonSettings {
-    std::set<Metric> metrics;
-    std::vector<Limit> limits;  // their metrics are computed too
+    std::set<Metric> metrics = {};
+    std::vector<Limit> limits = {};  // their metrics are computed too
     Vec3 background{0.0};
     double pixels_per_degree = kDefaultPixelsPerDegree;
     bool wants_map = false;

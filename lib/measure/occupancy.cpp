@@ -275,12 +275,19 @@ std::optional<CountLaw> covered_law(const PatchPixels& patch) {
     const double most = std::min(patch.particles, std::ceil(mean + reach));
     const double least = std::max(0.0, std::floor(mean - reach));
     const double width = std::min({cells, most, 28 * std::sqrt(std::min(cells, most)) + 60});
-    if (most * (width + 1) > kLawBudget) return std::nullopt;
+    // With M(ln M + 93) balls inside the chance of an empty cell is below 1e-40, and the law stands still.
+    const double steps = std::min(most, cells * (std::log(cells) + 93));
+    if (steps * (width + 1) > kLawBudget) return std::nullopt;
 
     // h balls into M equal cells, one at a time: j covered cells stay or become j + 1.
     CountLaw balls{0, {1.0}};
     std::vector<double> mixed(static_cast<std::size_t>(std::min(cells, most)) + 1, 0.0);
     for (double h = 0;; h += 1) {
+        const bool all_covered = static_cast<double>(balls.first) >= cells;
+        if (all_covered) {
+            mixed.back() += binomial_survival(h - 1, {patch.particles, inside});
+            break;
+        }
         if (h >= least) {
             const double weight = binomial_pmf(h, {patch.particles, inside});
             for (std::size_t i = 0; i < balls.probability.size(); ++i)

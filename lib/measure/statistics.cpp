@@ -159,8 +159,9 @@ std::optional<TestResult> ks_uniformity(std::span<const double> values) {
         const auto rank = static_cast<double>(i);
         distance = std::max({distance, uniform - rank / n, (rank + 1) / n - uniform});
     }
-    const double root = std::sqrt(n);
-    return TestResult{distance, std::clamp(kolmogorov_survival(distance * (root + 0.12 + 0.11 / root)), 0.0, 1.0)};
+    const double d = distance * std::sqrt(n);
+    const double x = d + 1 / (6 * std::sqrt(n)) + (d - 1) / (4 * n);  // Vrbik 2018
+    return TestResult{distance, std::clamp(kolmogorov_survival(x), 0.0, 1.0)};
 }
 
 double chi2_survival(double statistic, double dof) {
