@@ -279,6 +279,17 @@ TEST(SceneFile, KnowsOverridesOfItsOwn) {
     EXPECT_FALSE(is_scene_override(""));
 }
 
+TEST(SceneFile, ExampleScenesLoad) {
+    int count = 0;
+    for (const auto& entry : std::filesystem::directory_iterator(PELLUCID_SOURCE_DIR "/scenes")) {
+        if (entry.path().extension() != ".toml") continue;
+        const Scene scene = load_scene(entry.path());
+        EXPECT_FALSE(scene.surfaces.empty() && scene.volumes.empty()) << entry.path();
+        ++count;
+    }
+    EXPECT_GE(count, 3);
+}
+
 // ---- what is refused
 
 struct Bad {

@@ -61,8 +61,8 @@ Arguments::Arguments(Arguments&&) noexcept = default;
 Arguments& Arguments::operator=(Arguments&&) noexcept = default;
 
 void Arguments::flag(const std::string& names, bool& value, const std::string& help) {
-    // Not add_flag(names, value): that one takes --quiet=false, and resets the default.
-    parser_->app.add_flag_function(names, [&value](std::int64_t) { value = true; }, help);
+    parser_->app.add_flag_function(names, [&value](std::int64_t) { value = true; }, help)
+        ->disable_flag_override();  // no --quiet=maybe
 }
 
 void Arguments::option(const std::string& names, std::string& value, const std::string& help, bool required) {

@@ -449,6 +449,8 @@ void Config::apply_override(std::string_view assignment) {
     }
 }
 
+bool Config::holds(std::string_view key) const { return document_->root.find(key) != nullptr; }
+
 ConfigTable Config::root() const {
     ConfigTable table(document_, &document_->root);
     table.nearest_ = &document_->root;

@@ -185,6 +185,8 @@ public:
     /// not there are made. Keys the reader never asks for fail in `finish`, as `--set key.path`.
     void apply_override(std::string_view assignment);
 
+    /// True where the document has this top-level key. Does not count as asking for it.
+    [[nodiscard]] bool holds(std::string_view key) const;
     [[nodiscard]] ConfigTable root() const;
     /// Throws for the first key that no getter asked for, with the nearest one that was.
     void finish() const;
