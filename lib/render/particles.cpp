@@ -15,8 +15,8 @@ namespace {
     ParticleSettings s;
     s.repeats = static_cast<std::uint32_t>(input.settings.integer("repeats", s.repeats, {.lo = 1, .hi = 1 << 24}));
     (void)input.settings.one_of("sampler", "lines", {"lines"});
-    s.sampler.count = input.settings.choice<CountLaw>("count", CountLaw::poisson,
-                                                      {{"poisson", CountLaw::poisson}, {"binomial", CountLaw::binomial}});
+    s.sampler.trials = input.settings.choice<TrialLaw>("count", TrialLaw::poisson,
+                                                      {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
     s.memory_mib = input.settings.integer("memory_mib", s.memory_mib, {.lo = 1, .hi = 1 << 20});
     s.sampler.seed = input.seed;
     s.max_error = input.max_error;
@@ -31,7 +31,7 @@ namespace {
         if (!(sampler.virtual_pixels() > 0)) continue;
         std::uint64_t kept = 0;
         for (std::uint64_t i = 0; i < kProbes; ++i) kept += sampler.trial({0}, ~0U, i) ? 1U : 0U;
-        sum += mean_trials(sampler, settings.count) * static_cast<double>(kept) / static_cast<double>(kProbes);
+        sum += mean_trials(sampler, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
     }
     return sum;
 }
@@ -71,7 +71,7 @@ namespace {
     for (const LineSampler& sampler : samplers) {
         pieces += sampler.piece_count();
         sampler_bytes += sampler.bytes();
-        trials += mean_trials(sampler, settings.sampler.count);
+        trials += mean_trials(sampler, settings.sampler.trials);
     }
     const double particles = expected_particles(samplers, settings.sampler);
     const std::uint32_t batch = batch_size(settings, particles);

@@ -16,12 +16,12 @@ namespace {
 
 [[nodiscard]] std::uint64_t draw_trials(const LineSampler& sampler, const SamplerSettings& settings,
                                         std::uint32_t repeat) {
-    const double mean = mean_trials(sampler, settings.count);
+    const double mean = mean_trials(sampler, settings.trials);
     if (!(mean > 0)) return 0;
     RandomStream random(settings.seed, {.object = static_cast<std::uint32_t>(Purpose::particle_count),
                                         .repeat = repeat,
                                         .index = sampler.object_id()});
-    if (settings.count == CountLaw::poisson) return std::poisson_distribution<std::uint64_t>(mean)(random);
+    if (settings.trials == TrialLaw::poisson) return std::poisson_distribution<std::uint64_t>(mean)(random);
 
     // floor(mean) trials and one more with probability p such that (1−q)^fraction = 1 − p q, q = 1/V.
     const double whole = std::floor(mean);
@@ -105,10 +105,10 @@ std::vector<LineSampler> make_samplers(const PreparedScene& scene) {
     return samplers;
 }
 
-double mean_trials(const LineSampler& sampler, CountLaw law) {
+double mean_trials(const LineSampler& sampler, TrialLaw law) {
     const double pixels = sampler.virtual_pixels();
     const double optical_depth = -std::log1p(-particle_opacity(sampler));
-    if (law == CountLaw::poisson) return optical_depth * pixels;
+    if (law == TrialLaw::poisson) return optical_depth * pixels;
     if (pixels == 0) return 0;
     if (pixels <= 1)
         throw run_error("surface \"{}\": it spans less than one pixel, where PBSR (1) does not hold: use "

@@ -9,7 +9,7 @@
 namespace pellucid {
 
 /// How many trials one object gets in one repeat. V: LineSampler::virtual_pixels.
-enum class CountLaw {
+enum class TrialLaw {
     /// Poisson with mean −ln(1−α)·V. Pixels are independent, and a pixel of which the surface covers a
     /// share c has opacity 1 − (1−α)^c exactly, for objects of any size.
     poisson,
@@ -20,7 +20,7 @@ enum class CountLaw {
 
 struct SamplerSettings {
     Seed seed;
-    CountLaw count = CountLaw::poisson;
+    TrialLaw trials = TrialLaw::poisson;
     /// Draw exactly this many particles of each object in each repeat, whatever its opacity.
     std::optional<std::uint64_t> exact_count;
     /// Wrong twins, for tests that must reject them.
@@ -32,7 +32,7 @@ struct SamplerSettings {
 [[nodiscard]] std::vector<LineSampler> make_samplers(const PreparedScene& scene);
 
 /// Mean number of trials that give one object its opacity in one repeat, min(α, kMostParticleOpacity).
-[[nodiscard]] double mean_trials(const LineSampler& sampler, CountLaw law);
+[[nodiscard]] double mean_trials(const LineSampler& sampler, TrialLaw law);
 
 /// Samples repeats first, …, first + count − 1. A repeat depends on seed and its own number only, so
 /// any split into calls, threads or machines gives the same particles.
