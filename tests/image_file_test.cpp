@@ -23,7 +23,8 @@ namespace fs = std::filesystem;
 // A folder of this test alone.
 fs::path folder() {
     const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    fs::path path = fs::path(testing::TempDir()) / (std::string("pellucid_") + info->test_suite_name() + "_" + info->name());
+    fs::path path = fs::path(testing::TempDir()) /
+                    (std::string("pellucid_") + info->test_suite_name() + "_" + info->name());
     fs::remove_all(path);
     fs::create_directories(path);
     return path;
@@ -103,13 +104,37 @@ TEST(Exr, RoundTripKeepsBitsNamesAndAttributes) {
     EXPECT_EQ(back.attributes, image.attributes);
     ASSERT_EQ(back.names(), image.names());
     for (const std::string& name : image.names())
-        EXPECT_EQ(std::memcmp(back.plane(name).data(), image.plane(name).data(), back.pixel_count() * sizeof(float)), 0) << name;
+        EXPECT_EQ(std::memcmp(back.plane(name).data(), image.plane(name).data(),
+                              back.pixel_count() * sizeof(float)),
+                  0)
+            << name;
 }
 
 TEST(Exr, OnePixelRoundTrips) {
     const fs::path file = folder() / "a.exr";
     write_exr(gradient(1, 1), file);
     EXPECT_EQ(read_exr(file).plane("G")[0], 71.0F);
+}
+
+// tests/data/exr, written by OpenEXR 3.1: data window (−1, 2) to (1, 3) in a display window (0, 0) to
+// (9, 9), R = 0.5, 1, … 3 as half, id = 1, 2, … 6 as uint; tiles of 2 × 2, PIZ, one part of several.
+TEST(Exr, TiledMultiPartAndShiftedFilesReadTheSame) {
+    const fs::path data = fs::path(PELLUCID_SOURCE_DIR) / "tests/data/exr";
+    for (const char* name : {"tiled.exr", "mipmap.exr", "offset_window.exr", "one_part.exr"}) {
+        SCOPED_TRACE(name);
+        const Image image = read_exr(data / name);
+        ASSERT_EQ(image.names(), (std::vector<std::string>{"R", "id"}));
+        ASSERT_EQ(image.width(), 3);
+        ASSERT_EQ(image.height(), 2);
+        for (std::size_t i = 0; i < 6; ++i) {
+            EXPECT_EQ(image.plane("R")[i], 0.5F * static_cast<float>(i + 1));
+            EXPECT_EQ(image.plane("id")[i], static_cast<float>(i + 1));
+        }
+    }
+    EXPECT_EQ(read_exr(data / "one_part.exr").attributes.at("note"), "x");
+    EXPECT_NE(refusal([&] { (void)read_exr(data / "two_parts.exr"); }).find("2 parts"), std::string::npos);
+    EXPECT_NE(refusal([&] { (void)read_exr(data / "subsampled.exr"); }).find("channel RY"),
+              std::string::npos);
 }
 
 TEST(Exr, LyingWindowIsRefused) {
@@ -197,7 +222,8 @@ TEST(Png, EveryByteSurvivesReadAndWrite) {
     const fs::path file = folder() / "a.png";
     Image image(256, 1);
     for (const char* name : {"R", "G", "B"})
-        for (std::size_t i = 0; i < 256; ++i) image.add(name)[i] = static_cast<float>(srgb_decode(static_cast<double>(i) / 255));
+        for (std::size_t i = 0; i < 256; ++i)
+            image.add(name)[i] = static_cast<float>(srgb_decode(static_cast<double>(i) / 255));
     write_png(image, Vec3(0), file);
     const Image back = read_png(file);
     for (std::size_t i = 0; i < 256; ++i) EXPECT_EQ(back.plane("B")[i], image.plane("B")[i]) << i;
@@ -210,20 +236,22 @@ struct PngKind {
 };
 
 // One row of `bytes` a file of that kind, by libpng itself.
-void write_kind(const fs::path& file, const PngKind& kind, png_uint_32 width, std::vector<std::vector<png_byte>> rows,
-                bool transparent = false) {
+void write_kind(const fs::path& file, const PngKind& kind, png_uint_32 width,
+                std::vector<std::vector<png_byte>> rows, bool transparent = false) {
     std::FILE* out = std::fopen(file.c_str(), "wb");
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, nullptr, nullptr, nullptr);
     png_infop info = png_create_info_struct(png);
     png_init_io(png, out);
-    png_set_IHDR(png, info, width, static_cast<png_uint_32>(rows.size()), kind.depth, kind.colour_type, kind.interlace, 0, 0);
+    png_set_IHDR(png, info, width, static_cast<png_uint_32>(rows.size()), kind.depth, kind.colour_type,
+                 kind.interlace, 0, 0);
     png_set_gAMA(png, info, 1.0);
     const png_color palette[2] = {{255, 0, 0}, {0, 255, 0}};
     if (kind.colour_type == PNG_COLOR_TYPE_PALETTE) png_set_PLTE(png, info, palette, 2);
     const png_byte alpha[1] = {51};
     png_color_16 key{};
     key.gray = 1;
-    if (transparent) png_set_tRNS(png, info, alpha, 1, kind.colour_type == PNG_COLOR_TYPE_PALETTE ? nullptr : &key);
+    if (transparent)
+        png_set_tRNS(png, info, alpha, 1, kind.colour_type == PNG_COLOR_TYPE_PALETTE ? nullptr : &key);
     std::vector<png_bytep> pointers;
     for (auto& row : rows) pointers.push_back(row.data());
     png_write_info(png, info);

@@ -19,7 +19,8 @@ namespace fs = std::filesystem;
 
 fs::path folder() {
     const auto* info = testing::UnitTest::GetInstance()->current_test_info();
-    fs::path path = fs::path(testing::TempDir()) / (std::string("pellucid_") + info->test_suite_name() + "_" + info->name());
+    fs::path path = fs::path(testing::TempDir()) /
+                    (std::string("pellucid_") + info->test_suite_name() + "_" + info->name());
     fs::remove_all(path);
     fs::create_directories(path);
     return path;
@@ -57,7 +58,9 @@ std::string refusal(const fs::path& file) {
     return "";
 }
 
-bool says(const std::string& message, const std::string& part) { return message.find(part) != std::string::npos; }
+bool says(const std::string& message, const std::string& part) {
+    return message.find(part) != std::string::npos;
+}
 
 template <class T>
 std::string samples(std::size_t count, bool big_endian = false) {
@@ -83,8 +86,8 @@ void expect_counting(const VoxelGrid& grid) {
 
 std::string nrrd(const std::string& type, const std::string& encoding, const std::string& more = "",
                  const std::string& sizes = "4 3 2", int dimension = 3) {
-    return "NRRD0004\n# a test\ntype: " + type + "\ndimension: " + std::to_string(dimension) + "\nsizes: " + sizes +
-           "\nencoding: " + encoding + "\nendian: little\n" + more + "\n";
+    return "NRRD0004\n# a test\ntype: " + type + "\ndimension: " + std::to_string(dimension) +
+           "\nsizes: " + sizes + "\nencoding: " + encoding + "\nendian: little\n" + more + "\n";
 }
 
 TEST(Nrrd, EveryTypeEncodingAndEndianReadsTheSame) {
@@ -97,8 +100,10 @@ TEST(Nrrd, EveryTypeEncodingAndEndianReadsTheSame) {
         expect_counting(read_volume(put(dir / "a.nrrd", big_header + big)));
         expect_counting(read_volume(put(dir / "a.nrrd", nrrd(type, "gzip") + gzip(little))));
         put(dir / "a.raw", "one\ntwo\nxx" + little);
-        expect_counting(read_volume(put(dir / "a.nhdr", nrrd(type, "raw", "line skip: 2\nbyte skip: 2\ndata file: a.raw\n"))));
-        expect_counting(read_volume(put(dir / "a.nhdr", nrrd(type, "raw", "byte skip: -1\ndata file: ./a.raw\n"))));
+        expect_counting(read_volume(
+            put(dir / "a.nhdr", nrrd(type, "raw", "line skip: 2\nbyte skip: 2\ndata file: a.raw\n"))));
+        expect_counting(
+            read_volume(put(dir / "a.nhdr", nrrd(type, "raw", "byte skip: -1\ndata file: ./a.raw\n"))));
         std::string text;
         for (int i = 1; i <= 24; ++i) text += std::to_string(i) + (i % 4 == 0 ? "\n" : " ");
         expect_counting(read_volume(put(dir / "a.nrrd", nrrd(type, "ascii") + text)));
@@ -125,12 +130,15 @@ TEST(Nrrd, PlacementIsRasOrSpacing) {
     EXPECT_EQ(place_of(file, "spacings: 1 2 0.5\n").point({1, 1, 1}), Vec3(1, 2, 0.5));
     const std::string oblique = "space directions: (0,2,0) (3,0,0) (0,1,4)\nspace origin: (10,20,30)\n";
     // (1, 2, 3) stands at (10 + 6, 20 + 2 + 3, 30 + 12)
-    const std::vector<std::pair<std::string, Vec3>> spaces = {{"space: right-anterior-superior\n", {16, 25, 42}},
-                                                              {"space: left-posterior-superior\n", {-16, -25, 42}},
-                                                              {"space: LAS\n", {-16, 25, 42}},
-                                                              {"space dimension: 3\n", {16, 25, 42}}};
-    for (const auto& [space, world] : spaces) EXPECT_EQ(place_of(file, space + oblique).point({1, 2, 3}), world) << space;
-    EXPECT_EQ(place_of(file, "space: RAS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n").point({0, 0, 0}), Vec3(0));
+    const std::vector<std::pair<std::string, Vec3>> spaces = {
+        {"space: right-anterior-superior\n", {16, 25, 42}},
+        {"space: left-posterior-superior\n", {-16, -25, 42}},
+        {"space: LAS\n", {-16, 25, 42}},
+        {"space dimension: 3\n", {16, 25, 42}}};
+    for (const auto& [space, world] : spaces)
+        EXPECT_EQ(place_of(file, space + oblique).point({1, 2, 3}), world) << space;
+    EXPECT_EQ(place_of(file, "space: RAS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\n").point({0, 0, 0}),
+              Vec3(0));
 }
 
 TEST(Nrrd, BadPlacementIsRefused) {
@@ -138,8 +146,10 @@ TEST(Nrrd, BadPlacementIsRefused) {
     const std::string data = samples<std::uint8_t>(24);
     for (const std::string more :
          {"spacings: 1 0 1\n", "spacings: 1 -2 1\n", "spacings: nan 1 1\n", "spacings: 1 inf 1\n",
-          "space: RAS\nspace directions: (1,0,0) (2,0,0) (0,0,1)\n", "space: RAS\nspace directions: (1,0,0) (0,0,0) (0,0,1)\n",
-          "space: RAS\nspace directions: (1,0,0) (0,nan,0) (0,0,1)\n", "space: RAS\nspace directions: (1,0,0) none (0,0,1)\n",
+          "space: RAS\nspace directions: (1,0,0) (2,0,0) (0,0,1)\n",
+          "space: RAS\nspace directions: (1,0,0) (0,0,0) (0,0,1)\n",
+          "space: RAS\nspace directions: (1,0,0) (0,nan,0) (0,0,1)\n",
+          "space: RAS\nspace directions: (1,0,0) none (0,0,1)\n",
           "space: RAS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (nan,0,0)\n",
           "space: RAST\nspace directions: (1,0,0,0) (0,1,0,0) (0,0,1,0)\n"})
         EXPECT_NE(refusal(put(file, nrrd("uchar", "raw", more) + data)), "") << more;
@@ -150,8 +160,11 @@ TEST(Nrrd, ShapeMustBeThreeDimensional) {
     const std::string data = samples<std::uint8_t>(24);
     EXPECT_TRUE(says(refusal(put(file, nrrd("uchar", "raw", "", "4 6", 2) + data)), "three-dimensional"));
     EXPECT_TRUE(says(refusal(put(file, nrrd("uchar", "raw", "", "2 3 2 2", 4) + data)), "three-dimensional"));
-    EXPECT_TRUE(says(refusal(put(file, nrrd("uchar", "raw", "kinds: vector domain domain\n") + data)), "three-dimensional"));
-    EXPECT_TRUE(says(refusal(put(file, nrrd("uchar", "raw", "kinds: RGB-color domain domain\n", "3 4 2") + data)), "three-dim"));
+    EXPECT_TRUE(says(refusal(put(file, nrrd("uchar", "raw", "kinds: vector domain domain\n") + data)),
+                     "three-dimensional"));
+    EXPECT_TRUE(
+        says(refusal(put(file, nrrd("uchar", "raw", "kinds: RGB-color domain domain\n", "3 4 2") + data)),
+             "three-dim"));
     expect_counting(read_volume(put(file, nrrd("uchar", "raw", "", "4 3 2 1", 4) + data)));
     expect_counting(read_volume(put(file, nrrd("uchar", "raw", "kinds: space domain ???\n") + data)));
     EXPECT_NE(refusal(put(file, nrrd("uchar", "raw", "", "4 0 2") + data)), "");
@@ -162,11 +175,14 @@ TEST(Nrrd, ShapeMustBeThreeDimensional) {
 TEST(Nrrd, SizeClaimsAreHeldAgainstTheFile) {
     const fs::path dir = folder();
     const std::string data = samples<std::uint8_t>(24);
-    for (const std::string sizes : {"1048576 1024 1024", "4294967296 4294967296 4294967296", "2147483647 2147483647 4", "4 3 3"})
+    for (const std::string sizes :
+         {"1048576 1024 1024", "4294967296 4294967296 4294967296", "2147483647 2147483647 4", "4 3 3"})
         for (const std::string encoding : {"raw", "ascii"})
             EXPECT_NE(refusal(put(dir / "a.nrrd", nrrd("uchar", encoding, "", sizes) + data)), "") << sizes;
-    EXPECT_TRUE(says(refusal(put(dir / "a.nrrd", nrrd("uchar", "gzip", "", "65536 65536 256") + gzip(data))), "cut short"));
-    EXPECT_TRUE(says(refusal(put(dir / "a.nrrd", nrrd("uchar", "gzip", "", "4 3 3") + gzip(data))), "cut short"));
+    EXPECT_TRUE(says(refusal(put(dir / "a.nrrd", nrrd("uchar", "gzip", "", "65536 65536 256") + gzip(data))),
+                     "cut short"));
+    EXPECT_TRUE(
+        says(refusal(put(dir / "a.nrrd", nrrd("uchar", "gzip", "", "4 3 3") + gzip(data))), "cut short"));
 }
 
 TEST(Nrrd, DamagedGzipIsRefused) {
@@ -174,7 +190,8 @@ TEST(Nrrd, DamagedGzipIsRefused) {
     const std::string packed = gzip(samples<std::uint16_t>(24));
     const std::string header = nrrd("uint16", "gzip");
     for (const std::size_t cut : {std::size_t{1}, std::size_t{8}, packed.size() / 2})
-        EXPECT_TRUE(says(refusal(put(file, header + packed.substr(0, packed.size() - cut))), "cut short")) << cut;
+        EXPECT_TRUE(says(refusal(put(file, header + packed.substr(0, packed.size() - cut))), "cut short"))
+            << cut;
     std::string wrong = packed;
     wrong[packed.size() - 6] = static_cast<char>(wrong[packed.size() - 6] ^ 1);  // checksum
     EXPECT_TRUE(says(refusal(put(file, header + wrong)), "damaged"));
@@ -194,10 +211,13 @@ TEST(Nrrd, WrongFilesAreRefusedInOneLine) {
     EXPECT_TRUE(says(refusal(put(dir / "a.nrrd", nrrd("uchar", "hex") + data)), "raw, gzip or ascii"));
     EXPECT_NE(refusal(put(dir / "a.nrrd", nrrd("block", "raw", "blocksize: 1\n") + data)), "");
     EXPECT_NE(refusal(put(dir / "a.nrrd", nrrd("nonsense", "raw") + data)), "");
-    EXPECT_TRUE(says(refusal(put(dir / "a.nhdr", nrrd("uchar", "raw", "data file: none.raw\n"))), "none.raw"));
+    EXPECT_TRUE(
+        says(refusal(put(dir / "a.nhdr", nrrd("uchar", "raw", "data file: none.raw\n"))), "none.raw"));
     EXPECT_NE(refusal(put(dir / "a.nhdr", nrrd("uchar", "raw", "data file: LIST\na.raw\n"))), "");
-    EXPECT_TRUE(says(refusal(put(dir / "a.nrrd", nrrd("uchar", "ascii") + "1 2 three 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20")),
-                     "\"three"));
+    EXPECT_TRUE(
+        says(refusal(put(dir / "a.nrrd",
+                         nrrd("uchar", "ascii") + "1 2 three 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20")),
+             "\"three"));
 }
 
 // -- NIfTI ------------------------------------------------------------------------------------
@@ -229,7 +249,9 @@ struct Nifti {
 
 const std::string kBytes = samples<std::uint8_t>(24);
 
-VoxelGrid read_nifti(const fs::path& file, const Nifti& header) { return read_volume(put(file, header.bytes + kBytes)); }
+VoxelGrid read_nifti(const fs::path& file, const Nifti& header) {
+    return read_volume(put(file, header.bytes + kBytes));
+}
 
 TEST(Nifti, EveryTypeReadsTheSame) {
     const fs::path dir = folder();
@@ -250,7 +272,10 @@ TEST(Nifti, EveryTypeReadsTheSame) {
     check(16, samples<float>(24));
     check(64, samples<double>(24));
     for (const int code : {0, 1, 32, 128, 1536, 1792, 2048, 2304, 7777})
-        EXPECT_TRUE(says(refusal(put(dir / "a.nii", Nifti().type(static_cast<std::int16_t>(code), 8).bytes + std::string(1000, '\1'))), "datatype")) << code;
+        EXPECT_TRUE(says(refusal(put(dir / "a.nii", Nifti().type(static_cast<std::int16_t>(code), 8).bytes +
+                                                        std::string(1000, '\1'))),
+                         "datatype"))
+            << code;
 }
 
 TEST(Nifti, OtherByteOrderReadsTheSame) {
@@ -275,7 +300,8 @@ TEST(Nifti, PlacementIsSformThenQformThenSpacing) {
     Nifti turned = Nifti().pixdim(2, 3, 4).qform({0, 0, half}, {10, 20, 30}, 1);
     const Vec3 q = read_nifti(file, turned).index_to_world.point(index);
     EXPECT_NEAR(length(q - Vec3(10 - 6, 20 + 2, 30 + 12)), 0, 1e-5);
-    const Vec3 flipped = read_nifti(file, turned.qform({0, 0, half}, {10, 20, 30}, -1)).index_to_world.point(index);
+    const Vec3 flipped =
+        read_nifti(file, turned.qform({0, 0, half}, {10, 20, 30}, -1)).index_to_world.point(index);
     EXPECT_NEAR(length(flipped - Vec3(10 - 6, 20 + 2, 30 - 12)), 0, 1e-5);
     const Nifti both = turned.sform({0, 2, 0, 5, 1, 0, 0, 6, 0, 1, 4, 7});
     EXPECT_EQ(read_nifti(file, both).index_to_world.point(index), Vec3(9, 7, 21));
@@ -355,11 +381,14 @@ TEST(Volume, LibrariesPrintNothing) {
 TEST(Volume, DamageNeverDoesMoreThanAnError) {
     const fs::path dir = folder();
     put(dir / "a.raw", kBytes);
-    const std::string place = "space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\nkinds: domain domain domain\n";
+    const std::string place =
+        "space: LPS\nspace directions: (1,0,0) (0,1,0) (0,0,1)\nspace origin: (1,2,3)\nkinds: domain domain "
+        "domain\n";
     const std::vector<std::pair<std::string, std::string>> files = {
         {"raw.nrrd", nrrd("uint16", "raw", place) + samples<std::uint16_t>(24)},
         {"gzip.nrrd", nrrd("float", "gzip", "spacings: 1 2 3\n") + gzip(samples<float>(24))},
-        {"text.nrrd", nrrd("uchar", "ascii", "") + "1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24\n"},
+        {"text.nrrd",
+         nrrd("uchar", "ascii", "") + "1 2 3 4 5 6 7 8 9 10 11 12 13 14 15 16 17 18 19 20 21 22 23 24\n"},
         {"a.nhdr", nrrd("uchar", "raw", place + "byte skip: 0\ndata file: a.raw\n")},
         {"a.nii", Nifti().sform({1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0}).bytes + kBytes},
         {"q.nii", Nifti().qform({0, 0, 0.5F}, {1, 2, 3}, 1).bytes + kBytes},
@@ -423,7 +452,8 @@ TEST(Volume, RealVolumesHaveTheirSizesSpacingsAndRanges) {
 TEST(Volume, RegisteredFilesShareOneGridAndAnObliqueOneIsOblique) {
     const fs::path data = fs::path(PELLUCID_SOURCE_DIR) / "../shared/data/volumes";
     if (!fs::exists(data)) GTEST_SKIP() << "no " << data;
-    for (const auto& [a, b] : {std::pair{"mri_head.nii.gz", "label_head.nrrd"}, std::pair{"mri_ch2.nii.gz", "label_ch2_aal.nii.gz"},
+    for (const auto& [a, b] : {std::pair{"mri_head.nii.gz", "label_head.nrrd"},
+                               std::pair{"mri_ch2.nii.gz", "label_ch2_aal.nii.gz"},
                                std::pair{"mri_stroke_t1.nii.gz", "mri_stroke_flair.nii.gz"}}) {
         const Affine one = read_volume(data / a).index_to_world;
         const Affine other = read_volume(data / b).index_to_world;

@@ -41,11 +41,15 @@ std::uint64_t rows_a_chunk(Imf::Compression compression) {
     switch (compression) {
         case Imf::NO_COMPRESSION:
         case Imf::RLE_COMPRESSION:
-        case Imf::ZIPS_COMPRESSION: return 1;
+        case Imf::ZIPS_COMPRESSION:
+            return 1;
         case Imf::ZIP_COMPRESSION:
-        case Imf::PXR24_COMPRESSION: return 16;
-        case Imf::DWAB_COMPRESSION: return 256;
-        default: return 32;
+        case Imf::PXR24_COMPRESSION:
+            return 16;
+        case Imf::DWAB_COMPRESSION:
+            return 256;
+        default:
+            return 32;
     }
 }
 
@@ -66,24 +70,28 @@ void check_claim(const Imf::Header& header, const std::filesystem::path& file, s
     if (channels == 0) throw input_error("{}: has no channel", file.string());
 
     // each chunk needs its place in the table (8 bytes), its head (8) and a byte of data
-    std::uint64_t chunks = (height + rows_a_chunk(header.compression()) - 1) / rows_a_chunk(header.compression());
+    std::uint64_t chunks =
+        (height + rows_a_chunk(header.compression()) - 1) / rows_a_chunk(header.compression());
     if (header.hasTileDescription()) {
         const Imf::TileDescription& tile = header.tileDescription();
         chunks = ((width + tile.xSize - 1) / tile.xSize) * ((height + tile.ySize - 1) / tile.ySize);
     }
-    const bool deflated = header.compression() == Imf::ZIP_COMPRESSION || header.compression() == Imf::ZIPS_COMPRESSION ||
-                          header.compression() == Imf::RLE_COMPRESSION || header.compression() == Imf::NO_COMPRESSION;
+    const bool deflated =
+        header.compression() == Imf::ZIP_COMPRESSION || header.compression() == Imf::ZIPS_COMPRESSION ||
+        header.compression() == Imf::RLE_COMPRESSION || header.compression() == Imf::NO_COMPRESSION;
     const bool too_large_for_file =
         chunks * 17 > file_bytes || (deflated && width * height * pixel_bytes / kMostInflation > file_bytes);
     if (width * height > kMostPixels || too_large_for_file)
-        throw input_error("{}: claims {} x {} pixels of {} channels, more than {} bytes of file can hold", file.string(),
-                          width, height, channels, file_bytes);
+        throw input_error("{}: claims {} x {} pixels of {} channels, more than {} bytes of file can hold",
+                          file.string(), width, height, channels, file_bytes);
     if (width * height * channels * sizeof(float) > available_memory())
-        throw input_error("{}: {} x {} pixels of {} channels do not fit in memory", file.string(), width, height, channels);
+        throw input_error("{}: {} x {} pixels of {} channels do not fit in memory", file.string(), width,
+                          height, channels);
 }
 
 Image read_part(Imf::MultiPartInputFile& exr, const std::filesystem::path& file, std::uint64_t file_bytes) {
-    if (exr.parts() != 1) throw input_error("{}: has {} parts, expected one flat image", file.string(), exr.parts());
+    if (exr.parts() != 1)
+        throw input_error("{}: has {} parts, expected one flat image", file.string(), exr.parts());
     const Imf::Header& header = exr.header(0);
     if (header.hasType() && !Imf::isImage(header.type()))
         throw input_error("{}: holds deep data, expected one flat image", file.string());
@@ -100,7 +108,8 @@ Image read_part(Imf::MultiPartInputFile& exr, const std::filesystem::path& file,
 
     for (auto a = header.begin(); a != header.end(); ++a)
         if (const auto* text = dynamic_cast<const Imf::StringAttribute*>(&a.attribute()))
-            if (std::string_view(a.name()) != "type") image.attributes[a.name()] = text->value();  // type: scanline or tiled
+            if (std::string_view(a.name()) != "type")
+                image.attributes[a.name()] = text->value();  // type: scanline or tiled
     return image;
 }
 
@@ -124,7 +133,8 @@ Image read_exr(const std::filesystem::path& file) {
 
 void write_exr(const Image& image, const std::filesystem::path& file) {
     limit_openexr();
-    if (image.pixel_count() == 0) throw run_error("{}: an image of no pixels cannot be written", file.string());
+    if (image.pixel_count() == 0)
+        throw run_error("{}: an image of no pixels cannot be written", file.string());
     write_atomically(file, [&](const std::filesystem::path& temporary) {
         Imf::Header header(image.width(), image.height());
         header.compression() = Imf::ZIP_COMPRESSION;

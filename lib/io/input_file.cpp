@@ -14,7 +14,8 @@ namespace pellucid {
 std::uint64_t input_file_size(const std::filesystem::path& file) {
     std::error_code error;
     const auto status = std::filesystem::status(file, error);
-    if (status.type() == std::filesystem::file_type::not_found) throw input_error("{}: no such file", file.string());
+    if (status.type() == std::filesystem::file_type::not_found)
+        throw input_error("{}: no such file", file.string());
     if (error) throw input_error("{}: cannot be read: {}", file.string(), error.message());
     if (status.type() == std::filesystem::file_type::directory)
         throw input_error("{}: is a directory, expected a file", file.string());
@@ -28,7 +29,8 @@ std::uint64_t input_file_size(const std::filesystem::path& file) {
 
 std::string read_input_file(const std::filesystem::path& file, std::uint64_t most_bytes) {
     const std::uint64_t size = std::min(input_file_size(file), most_bytes);
-    if (size > available_memory()) throw input_error("{}: {} bytes do not fit in memory", file.string(), size);
+    if (size > available_memory())
+        throw input_error("{}: {} bytes do not fit in memory", file.string(), size);
     std::ifstream in(file, std::ios::binary);
     std::string bytes(size, '\0');
     if (!in || !in.read(bytes.data(), static_cast<std::streamsize>(size)))
@@ -45,8 +47,9 @@ std::uint64_t available_memory() {
     }
     const auto pages = sysconf(_SC_AVPHYS_PAGES);
     const auto page_size = sysconf(_SC_PAGESIZE);
-    return pages > 0 && page_size > 0 ? static_cast<std::uint64_t>(pages) * static_cast<std::uint64_t>(page_size)
-                                      : UINT64_MAX;
+    return pages > 0 && page_size > 0
+               ? static_cast<std::uint64_t>(pages) * static_cast<std::uint64_t>(page_size)
+               : UINT64_MAX;
 }
 
 std::string lower_extension(const std::filesystem::path& file) {

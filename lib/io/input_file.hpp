@@ -17,7 +17,8 @@ inline constexpr std::uint64_t kMostInflation = 1032;
 [[nodiscard]] std::uint64_t input_file_size(const std::filesystem::path& file);
 
 /// The first `most_bytes` of a file, or all of it. Throws Error(input).
-[[nodiscard]] std::string read_input_file(const std::filesystem::path& file, std::uint64_t most_bytes = UINT64_MAX);
+[[nodiscard]] std::string read_input_file(const std::filesystem::path& file,
+                                          std::uint64_t most_bytes = UINT64_MAX);
 
 /// Bytes that can be had without swapping; a header that asks for more is refused.
 [[nodiscard]] std::uint64_t available_memory();

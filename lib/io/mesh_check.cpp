@@ -18,7 +18,9 @@ namespace {
 
 using Path = std::filesystem::path;
 
-bool is_blank(char c) { return c == ' ' || (c >= '\t' && c <= '\r'); }
+bool is_blank(char c) {
+    return c == ' ' || (c >= '\t' && c <= '\r');
+}
 
 // Words between blanks, with what is left of the text.
 class Words {
@@ -55,19 +57,22 @@ bool parse(std::string_view word, T& value) {
     return error == std::errc() && end == word.data() + word.size();
 }
 
-std::string shown(std::string_view word) { return one_line(word.substr(0, 24)); }
+std::string shown(std::string_view word) {
+    return one_line(word.substr(0, 24));
+}
 
 double number(const Path& file, std::string_view word, std::string_view where) {
     double value = 0;
     if (word.empty()) throw input_error("{}: is cut short: ends at {}", file.string(), where);
-    if (!parse(word, value)) throw input_error("{}: {}: \"{}\", expected a number", file.string(), where, shown(word));
+    if (!parse(word, value))
+        throw input_error("{}: {}: \"{}\", expected a number", file.string(), where, shown(word));
     return value;
 }
 
 void check_index(const Path& file, double index, std::uint64_t face, std::uint64_t vertices) {
     if (!(index >= 0 && index < static_cast<double>(vertices)) || index != std::floor(index))
-        throw input_error("{}: face {}: vertex index {} out of range, expected 0 to {}", file.string(), face, index,
-                          vertices - 1);
+        throw input_error("{}: face {}: vertex index {} out of range, expected 0 to {}", file.string(), face,
+                          index, vertices - 1);
 }
 
 // A polygon of more corners would make assimp's triangulation, quadratic in them, run for minutes.
@@ -75,7 +80,8 @@ constexpr double kMostCorners = 10'000;
 
 void check_corners(const Path& file, double corners, std::uint64_t face) {
     if (!(corners >= 1 && corners <= kMostCorners) || corners != std::floor(corners))
-        throw input_error("{}: face {}: {} corners, expected 3 to {}", file.string(), face, corners, kMostCorners);
+        throw input_error("{}: face {}: {} corners, expected 3 to {}", file.string(), face, corners,
+                          kMostCorners);
 }
 
 // -- PLY --------------------------------------------------------------------------------------
@@ -84,23 +90,40 @@ enum class PlyType { none, int8, uint8, int16, uint16, int32, uint32, float32, f
 
 PlyType ply_type(std::string_view name) {
     constexpr std::array<std::pair<std::string_view, PlyType>, 16> kNames = {{
-        {"char", PlyType::int8}, {"int8", PlyType::int8}, {"uchar", PlyType::uint8}, {"uint8", PlyType::uint8},
-        {"short", PlyType::int16}, {"int16", PlyType::int16}, {"ushort", PlyType::uint16}, {"uint16", PlyType::uint16},
-        {"int", PlyType::int32}, {"int32", PlyType::int32}, {"uint", PlyType::uint32}, {"uint32", PlyType::uint32},
-        {"float", PlyType::float32}, {"float32", PlyType::float32}, {"double", PlyType::float64}, {"float64", PlyType::float64},
+        {"char", PlyType::int8},
+        {"int8", PlyType::int8},
+        {"uchar", PlyType::uint8},
+        {"uint8", PlyType::uint8},
+        {"short", PlyType::int16},
+        {"int16", PlyType::int16},
+        {"ushort", PlyType::uint16},
+        {"uint16", PlyType::uint16},
+        {"int", PlyType::int32},
+        {"int32", PlyType::int32},
+        {"uint", PlyType::uint32},
+        {"uint32", PlyType::uint32},
+        {"float", PlyType::float32},
+        {"float32", PlyType::float32},
+        {"double", PlyType::float64},
+        {"float64", PlyType::float64},
     }};
-    const auto found = std::find_if(kNames.begin(), kNames.end(), [&](const auto& entry) { return entry.first == name; });
+    const auto found =
+        std::find_if(kNames.begin(), kNames.end(), [&](const auto& entry) { return entry.first == name; });
     return found == kNames.end() ? PlyType::none : found->second;
 }
 
 std::size_t bytes_of(PlyType type) {
     switch (type) {
         case PlyType::int8:
-        case PlyType::uint8: return 1;
+        case PlyType::uint8:
+            return 1;
         case PlyType::int16:
-        case PlyType::uint16: return 2;
-        case PlyType::float64: return 8;
-        default: return 4;
+        case PlyType::uint16:
+            return 2;
+        case PlyType::float64:
+            return 8;
+        default:
+            return 4;
     }
 }
 
@@ -130,7 +153,8 @@ PlyHeader ply_header(const Path& file, std::string_view bytes) {
     bool has_format = false;
     for (std::string_view rest = bytes;;) {
         const std::size_t end = rest.find('\n');
-        if (end == std::string_view::npos) throw input_error("{}: is cut short: header without end_header", file.string());
+        if (end == std::string_view::npos)
+            throw input_error("{}: is cut short: header without end_header", file.string());
         Words words(rest.substr(0, end));
         rest.remove_prefix(end + 1);
         const std::string_view key = words.next();
@@ -147,8 +171,8 @@ PlyHeader ply_header(const Path& file, std::string_view bytes) {
             PlyElement element{.name = std::string(words.next()), .count = 0, .properties = {}};
             const std::string_view count = words.next();
             if (!parse(count, element.count))
-                throw input_error("{}: element {}: count \"{}\", expected an integer", file.string(), shown(element.name),
-                                  shown(count));
+                throw input_error("{}: element {}: count \"{}\", expected an integer", file.string(),
+                                  shown(element.name), shown(count));
             header.elements.push_back(std::move(element));
         } else if (key == "property") {
             PlyProperty property;
@@ -160,8 +184,10 @@ PlyHeader ply_header(const Path& file, std::string_view bytes) {
             }
             property.type = ply_type(type);
             property.name = words.next();
-            if (property.type == PlyType::none || (list && property.count_type == PlyType::none) || header.elements.empty())
-                throw input_error("{}: property \"{}\" is of an unknown type", file.string(), shown(property.name));
+            if (property.type == PlyType::none || (list && property.count_type == PlyType::none) ||
+                header.elements.empty())
+                throw input_error("{}: property \"{}\" is of an unknown type", file.string(),
+                                  shown(property.name));
             header.elements.back().properties.push_back(std::move(property));
         } else if (!key.empty() && key != "ply" && key != "comment" && key != "obj_info") {
             throw input_error("{}: header line \"{}\" is unknown", file.string(), shown(key));
@@ -175,8 +201,11 @@ PlyHeader ply_header(const Path& file, std::string_view bytes) {
 class PlyBody {
 public:
     PlyBody(const Path& file, const PlyHeader& header)
-        : file_(file), text_(header.text), swapped_(header.big_endian != (std::endian::native == std::endian::big)),
-          rest_(header.body), words_(header.body) {}
+        : file_(file),
+          text_(header.text),
+          swapped_(header.big_endian != (std::endian::native == std::endian::big)),
+          rest_(header.body),
+          words_(header.body) {}
 
     double next(PlyType type, const PlyElement& element, std::uint64_t row) {
         if (text_) {
@@ -184,18 +213,27 @@ public:
             double value = 0;
             if (word.empty()) throw cut_short(element, row);
             if (!parse(word, value))
-                throw input_error("{}: {} {}: \"{}\", expected a number", file_.string(), shown(element.name), row, shown(word));
+                throw input_error("{}: {} {}: \"{}\", expected a number", file_.string(), shown(element.name),
+                                  row, shown(word));
             return value;
         }
         switch (type) {
-            case PlyType::int8: return binary<std::int8_t>(element, row);
-            case PlyType::uint8: return binary<std::uint8_t>(element, row);
-            case PlyType::int16: return binary<std::int16_t>(element, row);
-            case PlyType::uint16: return binary<std::uint16_t>(element, row);
-            case PlyType::int32: return binary<std::int32_t>(element, row);
-            case PlyType::uint32: return binary<std::uint32_t>(element, row);
-            case PlyType::float64: return binary<double>(element, row);
-            default: return static_cast<double>(binary<float>(element, row));
+            case PlyType::int8:
+                return binary<std::int8_t>(element, row);
+            case PlyType::uint8:
+                return binary<std::uint8_t>(element, row);
+            case PlyType::int16:
+                return binary<std::int16_t>(element, row);
+            case PlyType::uint16:
+                return binary<std::uint16_t>(element, row);
+            case PlyType::int32:
+                return binary<std::int32_t>(element, row);
+            case PlyType::uint32:
+                return binary<std::uint32_t>(element, row);
+            case PlyType::float64:
+                return binary<double>(element, row);
+            default:
+                return static_cast<double>(binary<float>(element, row));
         }
     }
 
@@ -212,7 +250,8 @@ private:
         return value;
     }
     Error cut_short(const PlyElement& element, std::uint64_t row) const {
-        return input_error("{}: is cut short: ends at {} {} of {}", file_.string(), shown(element.name), row, element.count);
+        return input_error("{}: is cut short: ends at {} {} of {}", file_.string(), shown(element.name), row,
+                           element.count);
     }
 
     Path file_;
@@ -234,22 +273,25 @@ MeshCounts check_ply(const Path& file, std::string_view bytes) {
             row_bytes += header.text ? 2 : bytes_of(list ? property.count_type : property.type);
         }
         if (element.count > header.body.size() / std::max<std::uint64_t>(row_bytes, 1) + 1)
-            throw input_error("{}: is cut short: claims {} rows of {}, {} bytes are there", file.string(), element.count,
-                              shown(element.name), header.body.size());
+            throw input_error("{}: is cut short: claims {} rows of {}, {} bytes are there", file.string(),
+                              element.count, shown(element.name), header.body.size());
         const auto has = [&](std::string_view name) {
-            return std::any_of(element.properties.begin(), element.properties.end(),
-                               [&](const PlyProperty& p) { return p.name == name && p.count_type == PlyType::none; });
+            return std::any_of(
+                element.properties.begin(), element.properties.end(),
+                [&](const PlyProperty& p) { return p.name == name && p.count_type == PlyType::none; });
         };
         if (element.name == "vertex") {
-            if (!has("x") || !has("y") || !has("z")) throw input_error("{}: vertices without x, y, z", file.string());
+            if (!has("x") || !has("y") || !has("z"))
+                throw input_error("{}: vertices without x, y, z", file.string());
             counts.vertices = element.count;
         }
         if (element.name == "face") counts.faces = element.count;
-        if (element.name == "tristrips") throw input_error("{}: has triangle strips, expected faces", file.string());
+        if (element.name == "tristrips")
+            throw input_error("{}: has triangle strips, expected faces", file.string());
     }
     if (counts.vertices == 0 || counts.faces == 0)
-        throw input_error("{}: {} vertices and {} faces, expected a mesh with triangles", file.string(), counts.vertices,
-                          counts.faces);
+        throw input_error("{}: {} vertices and {} faces, expected a mesh with triangles", file.string(),
+                          counts.vertices, counts.faces);
 
     counts.faces = 0;
     PlyBody body(file, header);
@@ -266,7 +308,8 @@ MeshCounts check_ply(const Path& file, std::string_view bytes) {
                 if (corners) check_corners(file, length, row);
                 if (corners && length >= 3) ++counts.faces;
                 if (!(length >= 0 && length <= static_cast<double>(bytes.size())))
-                    throw input_error("{}: {} {}: a list of {} values", file.string(), shown(element.name), row, length);
+                    throw input_error("{}: {} {}: a list of {} values", file.string(), shown(element.name),
+                                      row, length);
                 for (double i = 0; i < length; ++i) {
                     const double value = body.next(property.type, element, row);
                     if (corners) check_index(file, value, row, counts.vertices);
@@ -282,8 +325,9 @@ MeshCounts check_off(const Path& file, std::string_view bytes) {
     Words words(bytes, '#');
     const std::string_view magic = words.next();
     if (magic != "OFF" && magic != "COFF" && magic != "NOFF" && magic != "CNOFF")
-        throw input_error("{}: not a readable OFF file: begins with \"{}\", expected OFF, COFF, NOFF or CNOFF",
-                          file.string(), shown(magic));
+        throw input_error(
+            "{}: not a readable OFF file: begins with \"{}\", expected OFF, COFF, NOFF or CNOFF",
+            file.string(), shown(magic));
     MeshCounts counts;
     std::uint64_t edges = 0;
     for (std::uint64_t* count : {&counts.vertices, &counts.faces, &edges}) {
@@ -293,11 +337,11 @@ MeshCounts check_off(const Path& file, std::string_view bytes) {
     }
     // a vertex is three numbers of a character and a blank at least, a face a count and one index
     if (counts.vertices > bytes.size() / 6 + 1 || counts.faces > bytes.size() / 4 + 1)
-        throw input_error("{}: is cut short: claims {} vertices and {} faces, {} bytes are there", file.string(),
-                          counts.vertices, counts.faces, bytes.size());
+        throw input_error("{}: is cut short: claims {} vertices and {} faces, {} bytes are there",
+                          file.string(), counts.vertices, counts.faces, bytes.size());
     if (counts.vertices == 0 || counts.faces == 0)
-        throw input_error("{}: {} vertices and {} faces, expected a mesh with triangles", file.string(), counts.vertices,
-                          counts.faces);
+        throw input_error("{}: {} vertices and {} faces, expected a mesh with triangles", file.string(),
+                          counts.vertices, counts.faces);
 
     for (std::uint64_t vertex = 0; vertex < counts.vertices; ++vertex) {
         for (int i = 0; i < 3; ++i) (void)number(file, words.next(), fmt::format("vertex {}", vertex));
@@ -308,7 +352,8 @@ MeshCounts check_off(const Path& file, std::string_view bytes) {
         check_corners(file, corners, face);
         if (corners >= 3) ++counts.faces;
         for (double i = 0; i < corners; ++i)
-            check_index(file, number(file, words.next(), fmt::format("face {}", face)), face, counts.vertices);
+            check_index(file, number(file, words.next(), fmt::format("face {}", face)), face,
+                        counts.vertices);
         words.skip_line();
     }
     return counts;
@@ -326,8 +371,8 @@ MeshCounts check_stl(const Path& file, std::string_view bytes) {
     const bool binary = bytes.size() >= kHead && bytes.size() == kHead + kRow * claimed;
     MeshCounts counts{.vertices = 0, .faces = claimed, .shared = false};
     if (!binary && !bytes.starts_with("solid"))
-        throw input_error("{}: not a whole STL file: no \"solid\", and {} bytes where {} triangles take {}", file.string(),
-                          bytes.size(), claimed, kHead + kRow * claimed);
+        throw input_error("{}: not a whole STL file: no \"solid\", and {} bytes where {} triangles take {}",
+                          file.string(), bytes.size(), claimed, kHead + kRow * claimed);
     if (!binary) {
         counts.faces = 0;
         Words words(bytes);
@@ -336,13 +381,16 @@ MeshCounts check_stl(const Path& file, std::string_view bytes) {
             if (words.rest().empty() && word != wanted && wanted.starts_with(word))
                 throw input_error("{}: is cut short: ends in facet {}", file.string(), counts.faces);
             if (word != wanted)
-                throw input_error("{}: facet {}: \"{}\", expected \"{}\"", file.string(), counts.faces, shown(word), wanted);
+                throw input_error("{}: facet {}: \"{}\", expected \"{}\"", file.string(), counts.faces,
+                                  shown(word), wanted);
         };
         const auto expect_numbers = [&] {
-            for (int i = 0; i < 3; ++i) (void)number(file, words.next(), fmt::format("facet {}", counts.faces));
+            for (int i = 0; i < 3; ++i)
+                (void)number(file, words.next(), fmt::format("facet {}", counts.faces));
         };
         for (std::string_view solid = words.next(); !solid.empty(); solid = words.next()) {
-            if (solid != "solid") throw input_error("{}: \"{}\", expected \"solid\"", file.string(), shown(solid));
+            if (solid != "solid")
+                throw input_error("{}: \"{}\", expected \"solid\"", file.string(), shown(solid));
             words.skip_line();
             std::string_view word = words.next();
             for (; word == "facet"; word = words.next()) {
@@ -359,8 +407,8 @@ MeshCounts check_stl(const Path& file, std::string_view bytes) {
                 ++counts.faces;
             }
             if (word != "endsolid")
-                throw input_error("{}: is cut short: \"{}\" after facet {}, expected \"endsolid\"", file.string(),
-                                  shown(word), counts.faces);
+                throw input_error("{}: is cut short: \"{}\" after facet {}, expected \"endsolid\"",
+                                  file.string(), shown(word), counts.faces);
             words.skip_line();
         }
     }
@@ -376,8 +424,8 @@ using ObjCounts = std::array<std::uint64_t, 3>;
 
 // One corner "v", "v/vt", "v//vn" or "v/vt/vn": each counts from 1, or from −1 backwards from its
 // own line. Returns which of the three it has, as bits.
-unsigned check_obj_corner(const Path& file, std::string_view corner, std::uint64_t line, const ObjCounts& so_far,
-                          const ObjCounts& all) {
+unsigned check_obj_corner(const Path& file, std::string_view corner, std::uint64_t line,
+                          const ObjCounts& so_far, const ObjCounts& all) {
     constexpr std::array<std::string_view, 3> kNames = {"vertex", "texture", "normal"};
     unsigned has = 0;
     std::string_view rest = corner;
@@ -392,14 +440,16 @@ unsigned check_obj_corner(const Path& file, std::string_view corner, std::uint64
         const std::uint64_t there = index < 0 ? so_far[i] : all[i];
         const auto most = static_cast<std::int64_t>(there);
         if (index == 0 || index > most || index < -most)
-            throw input_error("{}:{}: {} index {} out of range, {} are there", file.string(), line, kNames[i], index, there);
+            throw input_error("{}:{}: {} index {} out of range, {} are there", file.string(), line, kNames[i],
+                              index, there);
         has |= 1U << i;
     }
     return has;
 }
 
 MeshCounts check_obj(const Path& file, std::string_view bytes) {
-    if (bytes.find('\0') != std::string_view::npos) throw input_error("{}: not an OBJ file: not text", file.string());
+    if (bytes.find('\0') != std::string_view::npos)
+        throw input_error("{}: not an OBJ file: not text", file.string());
     MeshCounts counts{.vertices = 0, .faces = 0, .shared = false};
     ObjCounts all{};  // counted first: an index may name a vertex of a later line
     for (const bool counting : {true, false}) {
@@ -429,7 +479,8 @@ MeshCounts check_obj(const Path& file, std::string_view bytes) {
                 ++corners;
                 const unsigned kind = check_obj_corner(file, corner, line, so_far, all);
                 if (corners > 1 && kind != kinds)
-                    throw input_error("{}:{}: corner \"{}\" unlike the others of its face", file.string(), line, shown(corner));
+                    throw input_error("{}:{}: corner \"{}\" unlike the others of its face", file.string(),
+                                      line, shown(corner));
                 kinds = kind;
             }
             check_corners(file, corners, counts.faces);
@@ -439,8 +490,8 @@ MeshCounts check_obj(const Path& file, std::string_view bytes) {
     }
     counts.vertices = all[0];
     if (counts.vertices == 0 || counts.faces == 0)
-        throw input_error("{}: {} vertices and {} faces, expected a mesh with triangles", file.string(), counts.vertices,
-                          counts.faces);
+        throw input_error("{}: {} vertices and {} faces, expected a mesh with triangles", file.string(),
+                          counts.vertices, counts.faces);
     return counts;
 }
 
@@ -451,7 +502,8 @@ MeshCounts check_mesh(const Path& file, std::string_view extension, std::string_
     if (extension == ".off") return check_off(file, bytes);
     if (extension == ".stl") return check_stl(file, bytes);
     if (extension == ".obj") return check_obj(file, bytes);
-    throw input_error("{}: unknown kind of mesh \"{}\", expected .ply, .obj, .off or .stl", file.string(), extension);
+    throw input_error("{}: unknown kind of mesh \"{}\", expected .ply, .obj, .off or .stl", file.string(),
+                      extension);
 }
 
 }  // namespace pellucid

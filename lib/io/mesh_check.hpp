@@ -12,7 +12,7 @@ namespace pellucid {
 struct MeshCounts {
     std::uint64_t vertices = 0;
     std::uint64_t faces = 0;  // of three corners and more
-    bool shared = true;  // false: the format, or assimp's reader of it, repeats vertices at each corner
+    bool shared = true;       // false: the format, or assimp's reader of it, repeats vertices at each corner
 };
 
 /// Walks the bytes of a .ply, .off, .stl or .obj file (`extension`, lower case) to their end.

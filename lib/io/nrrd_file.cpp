@@ -41,7 +41,8 @@ struct HeaderText {
 HeaderText scan_header(const std::filesystem::path& file) {
     constexpr std::uint64_t kLongestHeader = std::uint64_t{1} << 24;
     const std::string text = read_input_file(file, kLongestHeader);
-    if (!text.starts_with("NRRD0")) throw input_error("{}: not a NRRD file: does not begin with \"NRRD0\"", file.string());
+    if (!text.starts_with("NRRD0"))
+        throw input_error("{}: not a NRRD file: does not begin with \"NRRD0\"", file.string());
     HeaderText header;
     for (std::size_t begin = 0; begin < text.size();) {
         const std::size_t end = std::min(text.find('\n', begin), text.size());
@@ -58,24 +59,36 @@ HeaderText scan_header(const std::filesystem::path& file) {
             header.data_file = line;
         }
     }
-    if (!header.data_file) throw input_error("{}: is cut short: the header has no end and no data file", file.string());
+    if (!header.data_file)
+        throw input_error("{}: is cut short: the header has no end and no data file", file.string());
     return header;
 }
 
 SampleType sample_type(const std::filesystem::path& file, int type) {
     switch (type) {
-        case nrrdTypeChar: return SampleType::int8;
-        case nrrdTypeUChar: return SampleType::uint8;
-        case nrrdTypeShort: return SampleType::int16;
-        case nrrdTypeUShort: return SampleType::uint16;
-        case nrrdTypeInt: return SampleType::int32;
-        case nrrdTypeUInt: return SampleType::uint32;
-        case nrrdTypeLLong: return SampleType::int64;
-        case nrrdTypeULLong: return SampleType::uint64;
-        case nrrdTypeFloat: return SampleType::float32;
-        case nrrdTypeDouble: return SampleType::float64;
-        default: throw input_error("{}: type {}, expected an integer or floating type", file.string(),
-                                   airEnumStr(nrrdType, type));
+        case nrrdTypeChar:
+            return SampleType::int8;
+        case nrrdTypeUChar:
+            return SampleType::uint8;
+        case nrrdTypeShort:
+            return SampleType::int16;
+        case nrrdTypeUShort:
+            return SampleType::uint16;
+        case nrrdTypeInt:
+            return SampleType::int32;
+        case nrrdTypeUInt:
+            return SampleType::uint32;
+        case nrrdTypeLLong:
+            return SampleType::int64;
+        case nrrdTypeULLong:
+            return SampleType::uint64;
+        case nrrdTypeFloat:
+            return SampleType::float32;
+        case nrrdTypeDouble:
+            return SampleType::float64;
+        default:
+            throw input_error("{}: type {}, expected an integer or floating type", file.string(),
+                              airEnumStr(nrrdType, type));
     }
 }
 
@@ -87,10 +100,11 @@ std::array<std::uint64_t, 3> grid_size(const std::filesystem::path& file, const 
     for (unsigned axis = 0; axis < 3; ++axis) {
         const int kind = nrrd.axis[axis].kind;
         if (kind != nrrdKindUnknown && kind != nrrdKindDomain && kind != nrrdKindSpace)
-            throw input_error("{}: is not three-dimensional: axis {} is of kind {}, expected domain or space", file.string(),
-                              axis, airEnumStr(nrrdKind, kind));
+            throw input_error("{}: is not three-dimensional: axis {} is of kind {}, expected domain or space",
+                              file.string(), axis, airEnumStr(nrrdKind, kind));
         size[axis] = nrrd.axis[axis].size;
-        if (size[axis] == 0) throw input_error("{}: axis {} has 0 samples, expected >= 1", file.string(), axis);
+        if (size[axis] == 0)
+            throw input_error("{}: axis {} has 0 samples, expected >= 1", file.string(), axis);
     }
     return size;
 }
@@ -107,14 +121,16 @@ Affine placement(const std::filesystem::path& file, const Nrrd& nrrd, const Nrrd
             for (int i = 0; i < 3; ++i) place.linear[column][i] = info.spaceDirection[i];
         } else if (io.seen[nrrdField_spacings] != 0) {
             if (!(info.spacing > 0) || !std::isfinite(info.spacing))
-                throw input_error("{}: spacing of axis {} is {}, expected > 0", file.string(), axis, info.spacing);
+                throw input_error("{}: spacing of axis {} is {}, expected > 0", file.string(), axis,
+                                  info.spacing);
             place.linear[column][column] = info.spacing;
         }
     }
     if (!in_space) return place;
     if (io.seen[nrrdField_space_origin] != 0)
         for (int i = 0; i < 3; ++i) place.offset[i] = nrrd.spaceOrigin[i];
-    const bool left = nrrd.space == nrrdSpaceLeftPosteriorSuperior || nrrd.space == nrrdSpaceLeftAnteriorSuperior;
+    const bool left =
+        nrrd.space == nrrdSpaceLeftPosteriorSuperior || nrrd.space == nrrdSpaceLeftAnteriorSuperior;
     const bool posterior = nrrd.space == nrrdSpaceLeftPosteriorSuperior;
     Affine to_ras;
     to_ras.linear[0][0] = left ? -1.0 : 1.0;
@@ -129,7 +145,8 @@ std::uint64_t after_lines(const std::filesystem::path& file, std::uint64_t begin
     for (unsigned i = 0; i < lines; ++i) {
         begin = bytes.find('\n', begin);
         if (begin == std::string::npos)
-            throw input_error("{}: is cut short: line skip: {}, and the file has fewer lines", file.string(), lines);
+            throw input_error("{}: is cut short: line skip: {}, and the file has fewer lines", file.string(),
+                              lines);
         ++begin;
     }
     return begin;
@@ -157,12 +174,14 @@ SampleSource sample_source(const std::filesystem::path& file, const HeaderText& 
     source.begin = after_lines(source.file, header.data_file ? 0 : header.bytes, io.lineSkip);
     if (io.byteSkip >= 0) {
         // of the decompressed data, so for raw data of the file itself
-        (source.encoding == SampleEncoding::raw ? source.begin : source.skip) += static_cast<std::uint64_t>(io.byteSkip);
+        (source.encoding == SampleEncoding::raw ? source.begin : source.skip) +=
+            static_cast<std::uint64_t>(io.byteSkip);
     } else {
         // −1: the samples are the last bytes of the file
         const std::uint64_t there = input_file_size(source.file) - source.begin;
         if (io.byteSkip != -1 || source.encoding != SampleEncoding::raw)
-            throw input_error("{}: byte skip = {}, expected >= 0, or -1 and raw data", file.string(), io.byteSkip);
+            throw input_error("{}: byte skip = {}, expected >= 0, or -1 and raw data", file.string(),
+                              io.byteSkip);
         if (count <= there / bytes_of(source.type)) source.begin += there - count * bytes_of(source.type);
     }
     return source;

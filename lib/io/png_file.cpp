@@ -39,7 +39,8 @@ void ignore_warning(png_structp, png_const_charp) {}
 
 struct Reader {
     Complaint complaint;
-    png_structp png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &complaint, keep_and_jump, ignore_warning);
+    png_structp png =
+        png_create_read_struct(PNG_LIBPNG_VER_STRING, &complaint, keep_and_jump, ignore_warning);
     png_infop info = png != nullptr ? png_create_info_struct(png) : nullptr;
 
     Reader() = default;
@@ -50,7 +51,8 @@ struct Reader {
 
 struct Writer {
     Complaint complaint;
-    png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &complaint, keep_and_jump, ignore_warning);
+    png_structp png =
+        png_create_write_struct(PNG_LIBPNG_VER_STRING, &complaint, keep_and_jump, ignore_warning);
     png_infop info = png != nullptr ? png_create_info_struct(png) : nullptr;
 
     Writer() = default;
@@ -99,7 +101,8 @@ bool write_rows(Writer& writer, std::FILE* file, png_uint_32 width, png_uint_32 
 
 std::vector<png_bytep> row_pointers(std::vector<png_byte>& bytes, std::size_t row_bytes) {
     std::vector<png_bytep> rows;
-    for (std::size_t begin = 0; begin < bytes.size(); begin += row_bytes) rows.push_back(bytes.data() + begin);
+    for (std::size_t begin = 0; begin < bytes.size(); begin += row_bytes)
+        rows.push_back(bytes.data() + begin);
     return rows;
 }
 
@@ -111,11 +114,13 @@ png_byte to_byte(double linear) {
 
 Image to_linear(const std::vector<png_byte>& bytes, int width, int height, bool two_bytes) {
     Image image(width, height);
-    const std::array<std::span<float>, 4> planes = {image.add("R"), image.add("G"), image.add("B"), image.add("A")};
+    const std::array<std::span<float>, 4> planes = {image.add("R"), image.add("G"), image.add("B"),
+                                                    image.add("A")};
     for (std::size_t i = 0; i < image.pixel_count(); ++i)
         for (std::size_t c = 0; c < 4; ++c) {
             const std::size_t at = 4 * i + c;
-            const double stored = two_bytes ? (256 * bytes[2 * at] + bytes[2 * at + 1]) / 65535.0 : bytes[at] / 255.0;
+            const double stored =
+                two_bytes ? (256 * bytes[2 * at] + bytes[2 * at + 1]) / 65535.0 : bytes[at] / 255.0;
             planes[c][i] = static_cast<float>(c == 3 ? stored : srgb_decode(stored));
         }
     return image;
@@ -141,8 +146,8 @@ Image read_png(const std::filesystem::path& file) {
     const std::uint64_t stored_bits = width * height * png_get_bit_depth(reader.png, reader.info) *
                                       png_get_channels(reader.png, reader.info);
     if (stored_bits / 8 / kMostInflation > file_bytes)
-        throw input_error("{}: claims {} x {} pixels, more than {} bytes of file can hold", file.string(), width, height,
-                          file_bytes);
+        throw input_error("{}: claims {} x {} pixels, more than {} bytes of file can hold", file.string(),
+                          width, height, file_bytes);
     if (width * height * 4 * (sizeof(float) + 2) > available_memory())
         throw input_error("{}: {} x {} pixels do not fit in memory", file.string(), width, height);
 
@@ -158,15 +163,18 @@ Image read_png(const std::filesystem::path& file) {
 
 void write_png(const Image& image, const Vec3& background, const std::filesystem::path& file) {
     assert(image.has("R") && image.has("G") && image.has("B"));
-    if (image.pixel_count() == 0) throw run_error("{}: an image of no pixels cannot be written", file.string());
-    const std::array<std::span<const float>, 3> colour = {image.plane("R"), image.plane("G"), image.plane("B")};
+    if (image.pixel_count() == 0)
+        throw run_error("{}: an image of no pixels cannot be written", file.string());
+    const std::array<std::span<const float>, 3> colour = {image.plane("R"), image.plane("G"),
+                                                          image.plane("B")};
     const std::span<const float> alpha = image.has("A") ? image.plane("A") : std::span<const float>{};
 
     std::vector<png_byte> bytes(3 * image.pixel_count());
     for (std::size_t i = 0; i < image.pixel_count(); ++i)
         for (std::size_t c = 0; c < 3; ++c) {
             const double through = alpha.empty() ? 0.0 : 1.0 - static_cast<double>(alpha[i]);
-            bytes[3 * i + c] = to_byte(static_cast<double>(colour[c][i]) + through * background[static_cast<int>(c)]);
+            bytes[3 * i + c] =
+                to_byte(static_cast<double>(colour[c][i]) + through * background[static_cast<int>(c)]);
         }
     std::vector<png_bytep> rows = row_pointers(bytes, 3 * static_cast<std::size_t>(image.width()));
 

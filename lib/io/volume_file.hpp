@@ -13,14 +13,15 @@ namespace pellucid {
 /// Samples at the points of a regular grid, x fastest. The volume fills the hull of its sample
 /// points; nothing is extrapolated.
 struct VoxelGrid {
-    std::array<int, 3> size{};       // samples along each axis, >= 1
-    std::vector<float> values;       // size[0]·size[1]·size[2], after scl_slope/scl_inter
-    Affine index_to_world;           // sample (i, j, k) stands at index_to_world.point({i, j, k})
+    std::array<int, 3> size{};  // samples along each axis, >= 1
+    std::vector<float> values;  // size[0]·size[1]·size[2], after scl_slope/scl_inter
+    Affine index_to_world;      // sample (i, j, k) stands at index_to_world.point({i, j, k})
 
     [[nodiscard]] float at(int i, int j, int k) const {
         return values[static_cast<std::size_t>(i) +
                       static_cast<std::size_t>(size[0]) *
-                          (static_cast<std::size_t>(j) + static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k))];
+                          (static_cast<std::size_t>(j) +
+                           static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k))];
     }
 };
 

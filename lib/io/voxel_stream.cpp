@@ -54,8 +54,10 @@ public:
         std::size_t got = 0;
         while (got < count) {
             const auto ask = static_cast<unsigned>(std::min(count - got, kPiece));
-            const std::int64_t more = gz_ != nullptr ? gzread(gz_, to + got, ask) : ::read(descriptor_, to + got, ask);
-            if (more < 0 || (more == 0 && gz_damaged())) throw input_error("{}: {}", file_.string(), trouble());
+            const std::int64_t more =
+                gz_ != nullptr ? gzread(gz_, to + got, ask) : ::read(descriptor_, to + got, ask);
+            if (more < 0 || (more == 0 && gz_damaged()))
+                throw input_error("{}: {}", file_.string(), trouble());
             if (more == 0) break;
             got += static_cast<std::size_t>(more);
         }
@@ -95,16 +97,26 @@ void append(std::span<const char> bytes, const SampleSource& source, std::vector
 
 void append(std::span<const char> bytes, const SampleSource& source, std::vector<float>& values) {
     switch (source.type) {
-        case SampleType::int8: return append<std::int8_t>(bytes, source, values);
-        case SampleType::uint8: return append<std::uint8_t>(bytes, source, values);
-        case SampleType::int16: return append<std::int16_t>(bytes, source, values);
-        case SampleType::uint16: return append<std::uint16_t>(bytes, source, values);
-        case SampleType::int32: return append<std::int32_t>(bytes, source, values);
-        case SampleType::uint32: return append<std::uint32_t>(bytes, source, values);
-        case SampleType::int64: return append<std::int64_t>(bytes, source, values);
-        case SampleType::uint64: return append<std::uint64_t>(bytes, source, values);
-        case SampleType::float32: return append<float>(bytes, source, values);
-        case SampleType::float64: return append<double>(bytes, source, values);
+        case SampleType::int8:
+            return append<std::int8_t>(bytes, source, values);
+        case SampleType::uint8:
+            return append<std::uint8_t>(bytes, source, values);
+        case SampleType::int16:
+            return append<std::int16_t>(bytes, source, values);
+        case SampleType::uint16:
+            return append<std::uint16_t>(bytes, source, values);
+        case SampleType::int32:
+            return append<std::int32_t>(bytes, source, values);
+        case SampleType::uint32:
+            return append<std::uint32_t>(bytes, source, values);
+        case SampleType::int64:
+            return append<std::int64_t>(bytes, source, values);
+        case SampleType::uint64:
+            return append<std::uint64_t>(bytes, source, values);
+        case SampleType::float32:
+            return append<float>(bytes, source, values);
+        case SampleType::float64:
+            return append<double>(bytes, source, values);
     }
 }
 
@@ -116,9 +128,10 @@ void check_claim(const SampleSource& source, std::uint64_t count) {
     if (source.encoding == SampleEncoding::gzip) most = there * kMostInflation / bytes_of(source.type);
     if (source.encoding == SampleEncoding::text) most = there / 2 + 1;
     if (count > most)
-        throw input_error("{}: is cut short: the header claims {} samples of {} bytes, {} bytes of {}data are there",
-                          source.file.string(), count, bytes_of(source.type), there,
-                          source.encoding == SampleEncoding::gzip ? "compressed " : "");
+        throw input_error(
+            "{}: is cut short: the header claims {} samples of {} bytes, {} bytes of {}data are there",
+            source.file.string(), count, bytes_of(source.type), there,
+            source.encoding == SampleEncoding::gzip ? "compressed " : "");
     if (count > available_memory() / sizeof(float))
         throw input_error("{}: {} samples do not fit in memory", source.file.string(), count);
 }
@@ -127,23 +140,26 @@ void skip_bytes(ByteStream& stream, const SampleSource& source) {
     std::vector<char> piece(std::min<std::uint64_t>(kPiece, source.skip));
     for (std::uint64_t left = source.skip; left > 0;) {
         const std::size_t got = stream.read(piece.data(), std::min<std::uint64_t>(piece.size(), left));
-        if (got == 0) throw input_error("{}: is cut short: ends before the first sample", source.file.string());
+        if (got == 0)
+            throw input_error("{}: is cut short: ends before the first sample", source.file.string());
         left -= got;
     }
 }
 
 // Reads to the end, because the checksum is there, and tells what was too much.
 void finish(ByteStream& stream, const SampleSource& source) {
-    constexpr std::uint64_t kMostLeftOver = std::uint64_t{1} << 26;  // what decompresses without end is no volume
+    constexpr std::uint64_t kMostLeftOver = std::uint64_t{1}
+                                            << 26;  // what decompresses without end is no volume
     std::vector<char> piece(kPiece);
     std::uint64_t left_over = 0;
     for (std::size_t got = 1; got > 0; left_over += got) {
         got = stream.read(piece.data(), piece.size());
         if (left_over > kMostLeftOver)
-            throw input_error("{}: goes on for more than {} bytes after the last sample", source.file.string(),
-                              kMostLeftOver);
+            throw input_error("{}: goes on for more than {} bytes after the last sample",
+                              source.file.string(), kMostLeftOver);
     }
-    if (left_over > 0) warn("{}: {} bytes after the last sample are not used", source.file.string(), left_over);
+    if (left_over > 0)
+        warn("{}: {} bytes after the last sample are not used", source.file.string(), left_over);
 }
 
 std::vector<float> read_binary(const SampleSource& source, std::uint64_t count) {
@@ -179,13 +195,16 @@ std::vector<float> read_text(const SampleSource& source, std::uint64_t count) {
         double stored = 0;
         const auto [after, error] = std::from_chars(*at == '+' ? at + 1 : at, end, stored);
         if (error != std::errc() || (after < end && !is_blank(*after)))
-            throw input_error("{}: sample {} = \"{}\", expected a number", source.file.string(), values.size(),
-                              one_line(std::string_view(at, static_cast<std::size_t>(std::min<std::ptrdiff_t>(end - at, 12)))));
+            throw input_error("{}: sample {} = \"{}\", expected a number", source.file.string(),
+                              values.size(),
+                              one_line(std::string_view(
+                                  at, static_cast<std::size_t>(std::min<std::ptrdiff_t>(end - at, 12)))));
         values.push_back(static_cast<float>(source.slope * stored + source.intercept));
         at = after;
     }
     if (values.size() < count)
-        throw input_error("{}: is cut short: {} of {} samples are there", source.file.string(), values.size(), count);
+        throw input_error("{}: is cut short: {} of {} samples are there", source.file.string(), values.size(),
+                          count);
     if (at < end) warn("{}: {} bytes after the last sample are not used", source.file.string(), end - at);
     return values;
 }
@@ -195,15 +214,19 @@ std::vector<float> read_text(const SampleSource& source, std::uint64_t count) {
 std::uint64_t bytes_of(SampleType type) {
     switch (type) {
         case SampleType::int8:
-        case SampleType::uint8: return 1;
+        case SampleType::uint8:
+            return 1;
         case SampleType::int16:
-        case SampleType::uint16: return 2;
+        case SampleType::uint16:
+            return 2;
         case SampleType::int32:
         case SampleType::uint32:
-        case SampleType::float32: return 4;
+        case SampleType::float32:
+            return 4;
         case SampleType::int64:
         case SampleType::uint64:
-        case SampleType::float64: return 8;
+        case SampleType::float64:
+            return 8;
     }
     return 1;
 }
@@ -213,8 +236,8 @@ std::uint64_t voxel_count(const std::filesystem::path& file, std::span<const std
     std::uint64_t count = 1;
     for (const std::uint64_t n : size) {
         if (n > INT32_MAX || count > kMost / n)
-            throw input_error("{}: claims {} x {} x {} samples, more than any file holds", file.string(), size[0], size[1],
-                              size[2]);
+            throw input_error("{}: claims {} x {} x {} samples, more than any file holds", file.string(),
+                              size[0], size[1], size[2]);
         count *= n;
     }
     return count;
@@ -223,7 +246,8 @@ std::uint64_t voxel_count(const std::filesystem::path& file, std::span<const std
 std::vector<float> read_samples(const SampleSource& source, std::uint64_t count) {
     check_claim(source, count);
     try {
-        return source.encoding == SampleEncoding::text ? read_text(source, count) : read_binary(source, count);
+        return source.encoding == SampleEncoding::text ? read_text(source, count)
+                                                       : read_binary(source, count);
     } catch (const std::bad_alloc&) {
         throw input_error("{}: {} samples do not fit in memory", source.file.string(), count);
     }

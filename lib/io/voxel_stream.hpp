@@ -23,8 +23,8 @@ struct SampleSource {
     std::uint64_t begin = 0;  // bytes of the file before the (compressed) data
     std::uint64_t skip = 0;   // bytes of the decompressed data before the first sample
     SampleType type = SampleType::uint8;
-    bool swapped = false;     // bytes of a sample in the other order than this machine's
-    double slope = 1.0;       // value = slope·stored + intercept
+    bool swapped = false;  // bytes of a sample in the other order than this machine's
+    double slope = 1.0;    // value = slope·stored + intercept
     double intercept = 0.0;
 };
 
@@ -38,7 +38,8 @@ struct VoxelHeader {
 [[nodiscard]] std::uint64_t bytes_of(SampleType type);
 
 /// The product of three sizes, each >= 1. Throws Error(input) where it is beyond 2^62.
-[[nodiscard]] std::uint64_t voxel_count(const std::filesystem::path& file, std::span<const std::uint64_t, 3> size);
+[[nodiscard]] std::uint64_t voxel_count(const std::filesystem::path& file,
+                                        std::span<const std::uint64_t, 3> size);
 
 /// Exactly `count` samples. Throws Error(input) where the file cannot hold as many, which is found
 /// from its size before anything is allocated; where they do not fit in memory; where the data end
