@@ -23,7 +23,9 @@ std::string refusal(const Body& body) {
     return "";
 }
 
-Config doc(std::string_view toml) { return Config::parse(toml, "x.toml", "/somewhere"); }
+Config doc(std::string_view toml) {
+    return Config::parse(toml, "x.toml", "/somewhere");
+}
 
 std::string write_file(const std::string& name, const std::string& bytes) {
     std::string path = testing::TempDir() + "config_test_" + name;
@@ -91,21 +93,30 @@ TEST(Config, OneValueIsAListOfOne) {
 }
 
 TEST(Config, MessagesNamePlaceKeyValueAndExpectation) {
-    const Config c = doc("a = 1.5\nb = 'word'\nc = [1, 2]\nd = nan\ne = inf\n[t]\nx = 99\n[[item]]\nname = 'ring'\n"
-                         "q = -1\n[[item]]\nl = [{ w = true }]\n");
+    const Config c =
+        doc("a = 1.5\nb = 'word'\nc = [1, 2]\nd = nan\ne = inf\n[t]\nx = 99\n[[item]]\nname = 'ring'\n"
+            "q = -1\n[[item]]\nl = [{ w = true }]\n");
     const ConfigTable t = c.root();
     EXPECT_EQ(refusal([&] { t.number("a", kRequired, within(0, 1)); }), "x.toml:1: a = 1.5, expected [0, 1]");
-    EXPECT_EQ(refusal([&] { t.integer("a", kRequired); }), "x.toml:1: a = 1.5 is a number, expected an integer");
+    EXPECT_EQ(refusal([&] { t.integer("a", kRequired); }),
+              "x.toml:1: a = 1.5 is a number, expected an integer");
     EXPECT_EQ(refusal([&] { t.number("b", 1.0); }), "x.toml:2: b = \"word\" is a string, expected a number");
-    EXPECT_EQ(refusal([&] { t.one_of("b", kRequired, {"x", "y", "z"}); }),
+    EXPECT_EQ(refusal([&] {
+                  t.one_of("b", kRequired, {"x", "y", "z"});
+              }),
               "x.toml:2: b = \"word\", expected \"x\", \"y\" or \"z\"");
     EXPECT_EQ(refusal([&] { t.vec3("c", kRequired); }), "x.toml:3: c has 2 elements, expected 3");
     EXPECT_EQ(refusal([&] { t.text("c", kRequired); }), "x.toml:3: c = [1, 2] is a list, expected a string");
     EXPECT_EQ(refusal([&] { t.number("d", kRequired); }), "x.toml:4: d = nan, expected a finite number");
-    EXPECT_EQ(refusal([&] { t.number("e", kRequired, at_least(0)); }), "x.toml:5: e = inf, expected a finite number");
+    EXPECT_EQ(refusal([&] { t.number("e", kRequired, at_least(0)); }),
+              "x.toml:5: e = inf, expected a finite number");
     EXPECT_EQ(refusal([&] { t.number("t", kRequired); }), "x.toml:6: t is a table, expected a number");
-    EXPECT_EQ(refusal([&] { t.table("t").integer("x", kRequired, {1, 9}); }), "x.toml:7: t.x = 99, expected [1, 9]");
-    EXPECT_EQ(refusal([&] { t.table("t").number("y", kRequired); }), "x.toml:6: t.y is missing, expected a number");
+    EXPECT_EQ(refusal([&] {
+                  t.table("t").integer("x", kRequired, {1, 9});
+              }),
+              "x.toml:7: t.x = 99, expected [1, 9]");
+    EXPECT_EQ(refusal([&] { t.table("t").number("y", kRequired); }),
+              "x.toml:6: t.y is missing, expected a number");
     EXPECT_EQ(refusal([&] { t.number("z", kRequired); }), "x.toml: z is missing, expected a number");
     EXPECT_EQ(refusal([&] { t.tables("item")[0].number("q", kRequired, at_least(0)); }),
               "x.toml:10: item \"ring\": q = -1, expected >= 0");
@@ -146,22 +157,24 @@ TEST(Config, UnknownKeysAreErrorsWithTheNearestKnownOne) {
     EXPECT_EQ(read("opacity = 1\nshading.ambient = 1\nclip = [{ offset = 1 }]"), "");
     EXPECT_EQ(read("a = 1"), "x.toml:1: unknown key \"a\"");
     EXPECT_EQ(read("\nopcaity = 1"), "x.toml:2: unknown key \"opcaity\", did you mean \"opacity\"?");
-    EXPECT_EQ(read("[shading]\nambeint = 1"), "x.toml:2: shading: unknown key \"ambeint\", did you mean \"ambient\"?");
+    EXPECT_EQ(read("[shading]\nambeint = 1"),
+              "x.toml:2: shading: unknown key \"ambeint\", did you mean \"ambient\"?");
     EXPECT_EQ(read("clip = [{ offset = 1 }, { ofset = 1 }]"),
               "x.toml:1: clip[1]: unknown key \"ofset\", did you mean \"offset\"?");
     EXPECT_EQ(read("[extra]\ndeep.er = 1"), "x.toml:1: unknown key \"extra\"");
 }
 
 TEST(Config, SyntaxErrorsAreOneLineWithFileAndLine) {
-    for (const std::string bad : {"a = 1\nb = ", "a = 1\na b", "a = 1\n[t", "a = 1\na = 2", "a = 1\nb = \"\n\"", "a = 1\n\x01",
-                                  "a = 1\nb = \"\xff\xfe\""})
+    for (const std::string bad : {"a = 1\nb = ", "a = 1\na b", "a = 1\n[t", "a = 1\na = 2",
+                                  "a = 1\nb = \"\n\"", "a = 1\n\x01", "a = 1\nb = \"\xff\xfe\""})
         EXPECT_EQ(refusal([&] { (void)doc(bad); }).rfind("x.toml:", 0), 0U) << bad;
     EXPECT_EQ(refusal([&] { (void)doc("a = 1\nb = "); }).rfind("x.toml:2: ", 0), 0U);
 }
 
 TEST(Config, FilesThatAreNoneAreRefused) {
-    EXPECT_NE(refusal([] { (void)Config::read("/nonexistent/a.toml"); }).find("/nonexistent/a.toml: no such file"),
-              std::string::npos);
+    EXPECT_NE(
+        refusal([] { (void)Config::read("/nonexistent/a.toml"); }).find("/nonexistent/a.toml: no such file"),
+        std::string::npos);
     EXPECT_NE(refusal([] { (void)Config::read(testing::TempDir()); }).find("not a file"), std::string::npos);
     EXPECT_NE(refusal([] { (void)Config::read("/dev/zero"); }).find("not a file"), std::string::npos);
     std::string garbage;
@@ -198,8 +211,9 @@ TEST(Config, ManyNumbersOnOneLineAreNoDeepKey) {
 // ---- overrides
 
 TEST(ConfigOverride, ReachesKeysTablesListsAndElements) {
-    const std::string base = "n = 1\nlist = [1, 2, 3]\n[camera]\nposition = [0, 0, 4]\n[[surface]]\nname = \"ring\"\n"
-                             "opacity = 1\n[[surface]]\nopacity = 0.25\n";
+    const std::string base =
+        "n = 1\nlist = [1, 2, 3]\n[camera]\nposition = [0, 0, 4]\n[[surface]]\nname = \"ring\"\n"
+        "opacity = 1\n[[surface]]\nopacity = 0.25\n";
     const auto with = [&](const std::string& assignment) {
         Config c = doc(base);
         c.apply_override(assignment);
@@ -208,18 +222,21 @@ TEST(ConfigOverride, ReachesKeysTablesListsAndElements) {
     EXPECT_EQ(with("n=2").root().integer("n", kRequired), 2);
     EXPECT_EQ(with("n = [1,10]").root().integers("n", kRequired), (std::vector<std::int64_t>{1, 10}));
     EXPECT_EQ(with("list.1=7").root().integers("list", kRequired), (std::vector<std::int64_t>{1, 7, 3}));
-    EXPECT_EQ(with("camera.position=[0,0,3]").root().table("camera").vec3("position", kRequired), Vec3(0, 0, 3));
+    EXPECT_EQ(with("camera.position=[0,0,3]").root().table("camera").vec3("position", kRequired),
+              Vec3(0, 0, 3));
     EXPECT_EQ(with("surface.0.opacity=0.5").root().tables("surface")[0].number("opacity", kRequired), 0.5);
     EXPECT_EQ(with("surface.1.opacity=0.5").root().tables("surface")[1].number("opacity", kRequired), 0.5);
     EXPECT_EQ(with("surface.ring.opacity=0.5").root().tables("surface")[0].number("opacity", kRequired), 0.5);
-    EXPECT_EQ(with("surface.\"ring\".opacity=0.5").root().tables("surface")[0].number("opacity", kRequired), 0.5);
+    EXPECT_EQ(with("surface.\"ring\".opacity=0.5").root().tables("surface")[0].number("opacity", kRequired),
+              0.5);
     EXPECT_EQ(with("a.b.c=true").root().table("a").table("b").boolean("c", kRequired), true);
     EXPECT_EQ(with("camera={position=[1,1,1]}").root().table("camera").vec3("position", kRequired), Vec3(1));
     EXPECT_EQ(with("s=\"a = b\"").root().text("s", kRequired), "a = b");
 }
 
 TEST(ConfigOverride, PlainWordsAreStrings) {
-    for (const char* assignment : {"sampler=lines", "sampler=\"lines\"", "sampler='lines'", "sampler = lines"}) {
+    for (const char* assignment :
+         {"sampler=lines", "sampler=\"lines\"", "sampler='lines'", "sampler = lines"}) {
         Config c = doc("");
         c.apply_override(assignment);
         EXPECT_EQ(c.root().text("sampler", kRequired), "lines") << assignment;
@@ -255,27 +272,32 @@ TEST(ConfigOverride, BadOnesAreRefusedByName) {
     EXPECT_EQ(apply("m=2"), "--set m: unknown key \"m\"");
     EXPECT_EQ(apply("surface.ring.opactiy=0.5"),
               "--set surface.ring.opactiy: surface[0]: unknown key \"opactiy\", did you mean \"opacity\"?");
-    EXPECT_EQ(apply("surface.ring.opacity=2"), "--set surface.ring.opacity: surface \"ring\": opacity = 2, expected [0, 1]");
-    EXPECT_EQ(apply("surface.rung.opacity=1"), "--set surface.rung.opacity: no surface called \"rung\" (1 element: \"ring\")");
-    EXPECT_EQ(apply("surface.1.opacity=1"), "--set surface.1.opacity: no surface called \"1\" (1 element: \"ring\")");
+    EXPECT_EQ(apply("surface.ring.opacity=2"),
+              "--set surface.ring.opacity: surface \"ring\": opacity = 2, expected [0, 1]");
+    EXPECT_EQ(apply("surface.rung.opacity=1"),
+              "--set surface.rung.opacity: no surface called \"rung\" (1 element: \"ring\")");
+    EXPECT_EQ(apply("surface.1.opacity=1"),
+              "--set surface.1.opacity: no surface called \"1\" (1 element: \"ring\")");
     EXPECT_EQ(apply("n.x=1"), "--set n.x: n is an integer, not a table");
     EXPECT_EQ(apply("new.table=1"), "--set new.table: unknown key \"new\"");
-    for (const char* nonsense : {"n", "=1", "", ".=1", "n.=1", "n..m=1", "\"n=1", "n=", "n=two words", "n=[1,", "n=1\nm=2",
-                                 "n=\"a", "n={a=1"})
+    for (const char* nonsense : {"n", "=1", "", ".=1", "n.=1", "n..m=1", "\"n=1", "n=", "n=two words",
+                                 "n=[1,", "n=1\nm=2", "n=\"a", "n={a=1"})
         EXPECT_EQ(apply(nonsense).rfind("--set", 0), 0U) << nonsense << ": " << apply(nonsense);
 }
 
 // ---- presets
 
 TEST(ConfigPreset, LiesOverTheBase) {
-    const std::string toml = "n = 1\nm = 1\n[deep]\na = 1\nb = 1\n[quick]\nn = 2\ndeep.b = 2\n[paper]\nm = 3\n";
+    const std::string toml =
+        "n = 1\nm = 1\n[deep]\na = 1\nb = 1\n[quick]\nn = 2\ndeep.b = 2\n[paper]\nm = 3\n";
     const std::vector<std::string> names{"quick", "default", "paper"};
     const auto sum = [&](const std::string& preset) {
         Config c = doc(toml);
         c.apply_preset(preset, names);
         const ConfigTable t = c.root();
         const std::int64_t digits = 1000 * t.integer("n", kRequired) + 100 * t.integer("m", kRequired) +
-                                    10 * t.table("deep").integer("a", kRequired) + t.table("deep").integer("b", kRequired);
+                                    10 * t.table("deep").integer("a", kRequired) +
+                                    t.table("deep").integer("b", kRequired);
         c.finish();
         return digits;
     };

@@ -7,8 +7,8 @@
 #include <set>
 
 #include <gtest/gtest.h>
-#include <nlohmann/json.hpp>
 #include <unistd.h>
+#include <nlohmann/json.hpp>
 
 #include "core/error.hpp"
 #include "io/image_file.hpp"
@@ -19,7 +19,8 @@ namespace {
 namespace fs = std::filesystem;
 using Json = nlohmann::json;
 
-const char* const kConfig = "counts = [1, 2]\nlimit = 0.5\n[quick]\ncounts = [1]\n[paper]\ncounts = [1, 2, 3]\n";
+const char* const kConfig =
+    "counts = [1, 2]\nlimit = 0.5\n[quick]\ncounts = [1]\n[paper]\ncounts = [1, 2, 3]\n";
 
 struct Settings {
     std::vector<std::int64_t> counts;
@@ -67,15 +68,18 @@ protected:
         out = folder / "out";
     }
 
-    [[nodiscard]] Run run(std::vector<std::string> words, const std::function<void(Experiment&)>& what = body) const {
-        words.insert(words.begin(), {"fake", "--config", (folder / "fake.toml").string(), "--out", out.string()});
+    [[nodiscard]] Run run(std::vector<std::string> words,
+                          const std::function<void(Experiment&)>& what = body) const {
+        words.insert(words.begin(),
+                     {"fake", "--config", (folder / "fake.toml").string(), "--out", out.string()});
         return run_bare(std::move(words), what);
     }
     static Run run_bare(std::vector<std::string> words, const std::function<void(Experiment&)>& what = body) {
         std::vector<char*> argv;
         for (std::string& word : words) argv.push_back(word.data());
         testing::internal::CaptureStderr();
-        const int code = run_experiment(static_cast<int>(argv.size()), argv.data(), {"fake", "Is it so?"}, what);
+        const int code =
+            run_experiment(static_cast<int>(argv.size()), argv.data(), {"fake", "Is it so?"}, what);
         return {code, testing::internal::GetCapturedStderr()};
     }
     [[nodiscard]] std::string text(const std::string& file) const {
@@ -87,8 +91,10 @@ protected:
     [[nodiscard]] std::set<std::string> tree() const {
         std::set<std::string> files;
         for (const auto& entry : fs::recursive_directory_iterator(folder))
-            if (!entry.is_directory()) files.insert(fs::relative(entry.path(), folder).string());
-            else if (fs::is_empty(entry.path())) files.insert(fs::relative(entry.path(), folder).string() + "/");
+            if (!entry.is_directory())
+                files.insert(fs::relative(entry.path(), folder).string());
+            else if (fs::is_empty(entry.path()))
+                files.insert(fs::relative(entry.path(), folder).string() + "/");
         return files;
     }
     static void expect_one_line(const std::string& err) {
@@ -100,7 +106,8 @@ protected:
     fs::path out;
 };
 
-const std::set<std::string> kAllFiles{"fake.toml", "out/one.png", "out/pictures/one.exr", "out/summary.json", "out/table.csv"};
+const std::set<std::string> kAllFiles{"fake.toml", "out/one.png", "out/pictures/one.exr", "out/summary.json",
+                                      "out/table.csv"};
 
 TEST_F(ExperimentTest, WritesTablesImagesAndSummary) {
     const Run r = run({});
@@ -190,9 +197,17 @@ TEST_F(ExperimentTest, EachRelationIsWhatItSaysAndNanFails) {
 TEST_F(ExperimentTest, BadInputIsTwoOneLineAndNothingWritten) {
     std::ofstream(folder / "typo.toml") << kConfig << "counst = [3]\n";
     const std::vector<std::vector<std::string>> cases{
-        {"--set", "cuonts=[1]"}, {"--set", "counts=[0]"},       {"--set", "limit=nan"}, {"--set", "counts"},
-        {"--set", "mode=odd"},   {"--set", "camera.near=1"},    {"--preset", "slow"},   {"--seed", "x"},
-        {"--set", "seed=-1"},    {"--config", "/nonexistent"},  {"surplus"},
+        {"--set", "cuonts=[1]"},
+        {"--set", "counts=[0]"},
+        {"--set", "limit=nan"},
+        {"--set", "counts"},
+        {"--set", "mode=odd"},
+        {"--set", "camera.near=1"},
+        {"--preset", "slow"},
+        {"--seed", "x"},
+        {"--set", "seed=-1"},
+        {"--config", "/nonexistent"},
+        {"surplus"},
     };
     for (const std::vector<std::string>& words : cases) {
         const Run r = run(words);
@@ -206,13 +221,15 @@ TEST_F(ExperimentTest, BadInputIsTwoOneLineAndNothingWritten) {
 }
 
 TEST_F(ExperimentTest, UnknownOverridesAreNamed) {
-    EXPECT_NE(run({"--set", "cuonts=[1]"}).err.find("--set cuonts: unknown key \"cuonts\", did you mean \"counts\"?"),
+    EXPECT_NE(run({"--set", "cuonts=[1]"})
+                  .err.find("--set cuonts: unknown key \"cuonts\", did you mean \"counts\"?"),
               std::string::npos);
     EXPECT_NE(run({"--set", "camera.near=1"}).err.find("--set camera.near"), std::string::npos);
 }
 
 TEST_F(ExperimentTest, AbsentDevicesAreThree) {
-    for (const std::vector<std::string>& words : {std::vector<std::string>{"--backend", "vulkan"}, {"--device", "none"}}) {
+    for (const std::vector<std::string>& words :
+         {std::vector<std::string>{"--backend", "vulkan"}, {"--device", "none"}}) {
         const Run r = run(words);
         EXPECT_EQ(r.code, 3);
         expect_one_line(r.err);
@@ -229,7 +246,10 @@ TEST_F(ExperimentTest, AFailureLeavesOldResultsAsTheyWere) {
         {4, [](Experiment&) { throw std::bad_alloc(); }},
         {2, [](Experiment&) { throw input_error("mesh.ply: empty"); }},
         {3, [](Experiment&) { throw Error(Failure::device, "gone"); }},
-        {4, [](Experiment& ex) { ex.csv("table2", {"a", "b"}).row(1); }},
+        {4,
+         [](Experiment& ex) {
+             ex.csv("table2", {"a", "b"}).row(1);
+         }},
         {4, [](Experiment& ex) { (void)ex.csv("table", {"a"}); }},
         {4, [](Experiment& ex) { (void)ex.csv("../escape", {"a"}); }},
         {4, [](Experiment& ex) { ex.json("summary", "{}"); }},
@@ -258,10 +278,12 @@ TEST_F(ExperimentTest, StaleFilesGoOnlyIfTheOldRunWroteThem) {
     forged["files"].push_back((folder / "outside.txt").string());
     forged["files"].push_back(7);
     std::ofstream(out / "summary.json") << forged.dump();
-    EXPECT_EQ(run({}, [](Experiment& ex) {
-                  (void)ex.config(read_settings);
-                  ex.json("other", "{}");
-              }).code,
+    EXPECT_EQ(run({},
+                  [](Experiment& ex) {
+                      (void)ex.config(read_settings);
+                      ex.json("other", "{}");
+                  })
+                  .code,
               0);
     EXPECT_TRUE(fs::exists(out / "notes.txt"));
     EXPECT_TRUE(fs::exists(folder / "outside.txt"));
@@ -289,7 +311,8 @@ TEST_F(ExperimentTest, OutThatIsAFileIsTwo) {
 }
 
 TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
-    std::vector<std::string> outs{(folder / "no/such/parent").string(), (folder / "fake.toml/below").string(), "/proc/results"};
+    std::vector<std::string> outs{(folder / "no/such/parent").string(), (folder / "fake.toml/below").string(),
+                                  "/proc/results"};
     if (geteuid() != 0) {
         fs::create_directories(folder / "closed");
         fs::permissions(folder / "closed", fs::perms::owner_read);
@@ -303,7 +326,8 @@ TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
 }
 
 TEST_F(ExperimentTest, OutMayEndWithASlashOrBeALink) {
-    EXPECT_EQ(run_bare({"fake", "--config", (folder / "fake.toml").string(), "--out", out.string() + "/"}).code, 0);
+    EXPECT_EQ(
+        run_bare({"fake", "--config", (folder / "fake.toml").string(), "--out", out.string() + "/"}).code, 0);
     fs::rename(out, folder / "elsewhere");
     fs::create_directory_symlink(folder / "elsewhere", out);
     EXPECT_EQ(run({}).code, 0);

@@ -47,9 +47,29 @@ TEST(Options, WithoutArgumentsAreTheDefaults) {
 }
 
 TEST(Options, AllAreRead) {
-    const Parsed p = parse({"--config", "c.toml", "--preset", "paper", "--backend=all", "--device", "llvmpipe", "--out", "o",
-                            "--seed", "18446744073709551615", "--threads", "3", "--set", "counts=[1,10]", "s.toml", "--set",
-                            "a.b=c", "--set=x=1", "--quiet", "--plan", "--max-error", "1e-3"});
+    const Parsed p = parse({"--config",
+                            "c.toml",
+                            "--preset",
+                            "paper",
+                            "--backend=all",
+                            "--device",
+                            "llvmpipe",
+                            "--out",
+                            "o",
+                            "--seed",
+                            "18446744073709551615",
+                            "--threads",
+                            "3",
+                            "--set",
+                            "counts=[1,10]",
+                            "s.toml",
+                            "--set",
+                            "a.b=c",
+                            "--set=x=1",
+                            "--quiet",
+                            "--plan",
+                            "--max-error",
+                            "1e-3"});
     EXPECT_EQ(p.options.config, "c.toml");
     EXPECT_EQ(p.options.preset, "paper");
     EXPECT_EQ(p.options.backend, Backend::all);
@@ -64,7 +84,8 @@ TEST(Options, AllAreRead) {
 }
 
 TEST(Options, SetTakesAnythingAsItStands) {
-    const std::vector<const char*> values{"a=[[1,2],[3,4]]", "a={b=1}", "a=\"x, y\"", "a=", "=", "[1,2]", "a=-1"};
+    const std::vector<const char*> values{"a=[[1,2],[3,4]]", "a={b=1}", "a=\"x, y\"", "a=", "=",
+                                          "[1,2]",           "a=-1"};
     for (const char* value : values)
         EXPECT_EQ(parse({"--set", value}).options.overrides, std::vector<std::string>{value}) << value;
 }
@@ -126,8 +147,8 @@ TEST(Options, HelpNamesEveryOption) {
     const Parsed p = parse({"--help"});
     const std::string printed = testing::internal::GetCapturedStdout();
     EXPECT_FALSE(p.run);
-    for (const char* name : {"SCENE", "--config", "--preset", "--backend", "--device", "--out", "--seed", "--threads", "--set",
-                             "--quiet", "--version", "--help"})
+    for (const char* name : {"SCENE", "--config", "--preset", "--backend", "--device", "--out", "--seed",
+                             "--threads", "--set", "--quiet", "--version", "--help"})
         EXPECT_NE(printed.find(name), std::string::npos) << name;
 }
 

@@ -16,10 +16,11 @@ Scene parse(const std::string& toml) {
     return scene;
 }
 
-const std::string kHead = "image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n";           // lines 1, 2
-const std::string kSurface = kHead + "[[surface]]\nname = \"s\"\nimplicit = \"sphere\"\n";      // 3, 4, 5
-const std::string kVolume = kHead + "[[volume]]\nname = \"v\"\nfile = \"v.nrrd\"\n"             // 3, 4, 5
-                                    "transfer = [[0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]\n";          // 6
+const std::string kHead = "image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n";       // lines 1, 2
+const std::string kSurface = kHead + "[[surface]]\nname = \"s\"\nimplicit = \"sphere\"\n";  // 3, 4, 5
+const std::string kVolume = kHead +
+                            "[[volume]]\nname = \"v\"\nfile = \"v.nrrd\"\n"     // 3, 4, 5
+                            "transfer = [[0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]\n";  // 6
 
 TEST(SceneFile, ReadsEveryKey) {
     const Scene scene = parse(R"(
@@ -230,7 +231,8 @@ TEST(SceneFile, ScaleRotateTranslateApplyInThisOrder) {
     // Rx first: y -> z -> (Ry) x -> (Rz) y.
     EXPECT_EQ(moved("rotate_degrees = [90, 90, 90]", {0, 1, 0}), Vec3(0, 1, 0));
     // Scale before the rotation, translation last.
-    EXPECT_EQ(moved("scale = [2, 1, 1]\nrotate_degrees = [0, 0, 90]\ntranslate = [10, 0, 0]", {1, 0, 0}), Vec3(10, 2, 0));
+    EXPECT_EQ(moved("scale = [2, 1, 1]\nrotate_degrees = [0, 0, 90]\ntranslate = [10, 0, 0]", {1, 0, 0}),
+              Vec3(10, 2, 0));
     const double c = std::sqrt(3.0) / 2;
     EXPECT_NEAR(length(moved("rotate_degrees = [0, 0, 30]", {1, 0, 0}) - Vec3(c, 0.5, 0)), 0, 1e-15);
 }
@@ -260,7 +262,8 @@ TEST(SceneFile, OverridesReachTheScene) {
             (void)load_scene(file, std::vector{bad});
             ADD_FAILURE() << bad << " was taken";
         } catch (const Error& e) {
-            EXPECT_EQ(std::string(e.what()).rfind("--set " + bad.substr(0, bad.find('=')), 0), 0U) << e.what();
+            EXPECT_EQ(std::string(e.what()).rfind("--set " + bad.substr(0, bad.find('=')), 0), 0U)
+                << e.what();
         }
 }
 
@@ -305,7 +308,8 @@ void expect_refused(const Bad& bad) {
     } catch (const Error& e) {
         const std::string message = e.what();
         EXPECT_EQ(e.kind(), Failure::input);
-        EXPECT_EQ(message.rfind(bad.line, 0), 0U) << message << "\nexpected at " << bad.line << "\n" << bad.toml;
+        EXPECT_EQ(message.rfind(bad.line, 0), 0U) << message << "\nexpected at " << bad.line << "\n"
+                                                  << bad.toml;
         EXPECT_NE(message.find(bad.words), std::string::npos) << message << "\nexpected: " << bad.words;
         EXPECT_EQ(message.find('\n'), std::string::npos) << message;
     }
@@ -325,8 +329,10 @@ TEST(SceneFile, BadImagesAreRefused) {
         {"image.resolution = [8, 8.5]" + camera, "s.toml:1: ", "8.5 is a number, expected an integer"},
         {"image.resolution = [4000000, 4000000]" + camera, "s.toml:1: ", "= 4000000, expected [1, 65536]"},
         {"image.resolution = [65536, 65536]" + camera, "s.toml:1: ", "at most 2147483648 pixels"},
-        {"image.resolution = [8, 8]\nimage.background = [0, 0, 2]" + camera, "s.toml:2: ", "background = 2, expected [0, 1]"},
-        {"image.resolution = [8, 8]\nimage.backgrund = [0, 0, 0]" + camera, "s.toml:2: ", "did you mean \"background\"?"},
+        {"image.resolution = [8, 8]\nimage.background = [0, 0, 2]" + camera,
+         "s.toml:2: ", "background = 2, expected [0, 1]"},
+        {"image.resolution = [8, 8]\nimage.backgrund = [0, 0, 0]" + camera,
+         "s.toml:2: ", "did you mean \"background\"?"},
         {kHead + "colour = 3", "s.toml:3: ", "unknown key \"colour\""},
     };
     for (const Bad& bad : cases) expect_refused(bad);
@@ -341,7 +347,8 @@ TEST(SceneFile, BadCamerasAndLightsAreRefused) {
         {image + "[camera]\nposition = [0, 0, 0]", "s.toml:3: ", "camera.position is the target"},
         {image + "[camera]\nposition = [0, nan, 0]", "s.toml:3: ", "= nan"},
         {image + "[camera]\nposition = [0, inf, 0]", "s.toml:3: ", "= inf, expected a finite number"},
-        {image + "[camera]\nposition = [1e308, 1e308, 0]\ntarget = [-1e308, 0, 0]", "s.toml:3: ", "finite way apart"},
+        {image + "[camera]\nposition = [1e308, 1e308, 0]\ntarget = [-1e308, 0, 0]",
+         "s.toml:3: ", "finite way apart"},
         {image + "[camera]\nposition = [0, 4, 0]", "s.toml:2: ", "camera.up is parallel"},
         {position + "up = [0, 0, -3]", "s.toml:4: ", "camera.up is parallel"},
         {position + "up = [0, 0, 0]", "s.toml:4: ", "camera.up has no length"},
@@ -358,7 +365,8 @@ TEST(SceneFile, BadCamerasAndLightsAreRefused) {
         {kHead + "[[light]]\nheadlight = false", "s.toml:3: ", "light 0 has no direction"},
         {kHead + "[[light]]\nheadlight = true\ndirection = [0, 0, 1]", "s.toml:3: ", "expected one of them"},
         {kHead + "[[light]]\ndirection = [0, 0, 0]", "s.toml:4: ", "direction has no length"},
-        {kHead + "[[light]]\ndirection = [0, 0, 1]\nintensity = -1", "s.toml:5: ", "intensity = -1, expected >= 0"},
+        {kHead + "[[light]]\ndirection = [0, 0, 1]\nintensity = -1",
+         "s.toml:5: ", "intensity = -1, expected >= 0"},
         {kHead + "[light]\ndirection = [0, 0, 1]", "s.toml:3: ", "expected a list of tables"},
     };
     for (const Bad& bad : cases) expect_refused(bad);
@@ -371,9 +379,11 @@ TEST(SceneFile, BadSurfacesAreRefused) {
         {kSurface + "mesh = \"a.ply\"", "s.toml:3: ", "has implicit and mesh, expected exactly one"},
         {open + "implicit = \"\"", "s.toml:5: ", "implicit is empty"},
         {open + "implicit = 3", "s.toml:5: ", "expected a string"},
-        {kSurface + "parameters = { radius = \"big\" }", "s.toml:6: ", "parameters.radius = \"big\" is a string"},
+        {kSurface + "parameters = { radius = \"big\" }",
+         "s.toml:6: ", "parameters.radius = \"big\" is a string"},
         {kSurface + "parameters = { radius = nan }", "s.toml:6: ", "parameters.radius = nan"},
-        {open + "mesh = \"a.ply\"\nparameters = { a = 1 }", "s.toml:6: ", "parameters belong to implicit, not to mesh"},
+        {open + "mesh = \"a.ply\"\nparameters = { a = 1 }",
+         "s.toml:6: ", "parameters belong to implicit, not to mesh"},
         {open + "mesh = \"\"", "s.toml:5: ", "expected the path of a file"},
         {open + "expression = \"x\"", "s.toml:3: ", "bounds are missing"},
         {open + "expression = \"\"\nbounds = [[0, 0, 0], [1, 1, 1]]", "s.toml:5: ", "expression is empty"},
@@ -385,16 +395,18 @@ TEST(SceneFile, BadSurfacesAreRefused) {
         {kSurface + "bounds = [[0, 0], [1, 1]]", "s.toml:6: ", "rows of 3 numbers"},
         {open + "isosurface = { isovalue = 1 }", "s.toml:5: ", "isosurface.volume is missing"},
         {open + "isosurface = { volume = \"a.nrrd\" }", "s.toml:5: ", "isosurface.isovalue is missing"},
-        {open + "isosurface = { volume = \"a.nrrd\", isovalue = 1, interpolation = \"nearest\" }", "s.toml:5: ",
-         "expected \"trilinear\" or \"catmull-rom\""},
-        {open + "isosurface = { volume = \"a.nrrd\", isovalue = 1, value = 2 }", "s.toml:5: ", "unknown key \"value\""},
+        {open + "isosurface = { volume = \"a.nrrd\", isovalue = 1, interpolation = \"nearest\" }",
+         "s.toml:5: ", "expected \"trilinear\" or \"catmull-rom\""},
+        {open + "isosurface = { volume = \"a.nrrd\", isovalue = 1, value = 2 }",
+         "s.toml:5: ", "unknown key \"value\""},
         {open + "rectangle = { u = [0, 0, 0] }", "s.toml:5: ", "rectangle.u has no length"},
         {open + "rectangle = { v = [0, 0, 0] }", "s.toml:5: ", "rectangle.v has no length"},
-        {open + "rectangle = { u = [1, 1, 0], v = [-2, -2, 0] }", "s.toml:5: ", "rectangle.v is parallel to u"},
+        {open + "rectangle = { u = [1, 1, 0], v = [-2, -2, 0] }",
+         "s.toml:5: ", "rectangle.v is parallel to u"},
         {open + "rectangle = { u = [1e200, 0, 0] }", "s.toml:5: ", "rectangle.u"},
         {open + "slice = { volume = \"a.nrrd\" }", "s.toml:5: ", "slice.transfer is missing"},
-        {open + "slice = { volume = \"a.nrrd\", transfer = [[1, 0, 0, 0, 0], [0, 1, 1, 1, 1]] }", "s.toml:5: ",
-         "values fall from 1 to 0"},
+        {open + "slice = { volume = \"a.nrrd\", transfer = [[1, 0, 0, 0, 0], [0, 1, 1, 1, 1]] }",
+         "s.toml:5: ", "values fall from 1 to 0"},
         {kSurface + "color = [1, 1]", "s.toml:6: ", "color has 2 elements, expected 3"},
         {kSurface + "color = [-0.1, 0, 0]", "s.toml:6: ", "color = -0.1, expected [0, 1]"},
         {kSurface + "color = [0, 0, 1.1]", "s.toml:6: ", "color = 1.1, expected [0, 1]"},
@@ -411,12 +423,15 @@ TEST(SceneFile, BadSurfacesAreRefused) {
         {kSurface + "thickness = \"thin\"", "s.toml:6: ", "thickness = \"thin\", expected \"auto\""},
         {kSurface + "thickness = -1", "s.toml:6: ", "thickness = -1, expected >= 0"},
         {kSurface + "matrix = [1, 0, 0]", "s.toml:6: ", "matrix has 3 elements, expected 16"},
-        {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,1,1]", "s.toml:6: ", "last row 0 0 1 1, expected 0 0 0 1"},
+        {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,1,1]",
+         "s.toml:6: ", "last row 0 0 1 1, expected 0 0 0 1"},
         {kSurface + "matrix = [1,0,0,0, 1,0,0,0, 0,0,1,0, 0,0,0,1]", "s.toml:6: ", "matrix is singular"},
         {kSurface + "matrix = [1,2,3,0, 4,5,6,0, 7,8,9,0, 0,0,0,1]", "s.toml:6: ", "matrix is singular"},
         {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,nan,0, 0,0,0,1]", "s.toml:6: ", "matrix = nan"},
-        {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\nscale = 2", "s.toml:7: ", "scale stands beside matrix"},
-        {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\ntranslate = [0,0,0]", "s.toml:7: ", "beside matrix"},
+        {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\nscale = 2",
+         "s.toml:7: ", "scale stands beside matrix"},
+        {kSurface + "matrix = [1,0,0,0, 0,1,0,0, 0,0,1,0, 0,0,0,1]\ntranslate = [0,0,0]",
+         "s.toml:7: ", "beside matrix"},
         {kSurface + "scale = 0", "s.toml:6: ", "singular"},
         {kSurface + "scale = [1, 0, 1]", "s.toml:6: ", "singular"},
         {kSurface + "scale = [1, 1]", "s.toml:6: ", "has 2 elements, expected 3"},
@@ -425,10 +440,12 @@ TEST(SceneFile, BadSurfacesAreRefused) {
         {kSurface + "clip = [{ normal = [0, 0, 0] }]", "s.toml:6: ", "clip[0].normal has no length"},
         {kSurface + "clip = [{ offset = 1 }]", "s.toml:6: ", "clip[0].normal is missing"},
         {kSurface + "clip = { normal = [1, 0, 0] }", "s.toml:6: ", "expected a list of tables"},
-        {kSurface + "contours = [{ field = \"y\", spacing = 0 }]", "s.toml:6: ", "contours[0].spacing = 0, expected > 0"},
+        {kSurface + "contours = [{ field = \"y\", spacing = 0 }]",
+         "s.toml:6: ", "contours[0].spacing = 0, expected > 0"},
         {kSurface + "contours = [{ spacing = 1 }]", "s.toml:6: ", "contours[0].field is missing"},
         {kSurface + "opactiy = 1", "s.toml:6: ", "unknown key \"opactiy\", did you mean \"opacity\"?"},
-        {kSurface + "[[surface]]\nname = \"s\"\nimplicit = \"sphere\"", "s.toml:7: ", "name = \"s\" is taken"},
+        {kSurface + "[[surface]]\nname = \"s\"\nimplicit = \"sphere\"",
+         "s.toml:7: ", "name = \"s\" is taken"},
         {kHead + "[[surface]]\nname = \"\"\nimplicit = \"sphere\"", "s.toml:4: ", "name is empty"},
         {kHead + "surface = 5", "s.toml:3: ", "expected a list of tables"},
     };
@@ -437,8 +454,9 @@ TEST(SceneFile, BadSurfacesAreRefused) {
 
 TEST(SceneFile, BadVolumesAreRefused) {
     const std::string open = kHead + "[[volume]]\nname = \"v\"\n";  // the next line is 5
-    const std::string formula = open + "expression = \"x\"\nbounds = [[0, 0, 0], [1, 1, 1]]\n"  // 5, 6
-                                       "transfer = [[0, 0, 0, 0, 0]]\n";                        // 7
+    const std::string formula = open +
+                                "expression = \"x\"\nbounds = [[0, 0, 0], [1, 1, 1]]\n"  // 5, 6
+                                "transfer = [[0, 0, 0, 0, 0]]\n";                        // 7
     const std::vector<Bad> cases{
         {open + "transfer = [[0, 0, 0, 0, 0]]", "s.toml:3: ", "volume \"v\" has neither file nor expression"},
         {kVolume + "expression = \"x\"", "s.toml:3: ", "has file and expression"},
@@ -447,20 +465,25 @@ TEST(SceneFile, BadVolumesAreRefused) {
         {open + "file = \"v.nrrd\"\ntransfer = []", "s.toml:6: ", "has 0 elements, expected at least 1"},
         {open + "file = \"v.nrrd\"\ntransfer = [[0, 0, 0, 0]]", "s.toml:6: ", "rows of 5 numbers"},
         {open + "file = \"v.nrrd\"\ntransfer = [0, 0, 0, 0, 0]", "s.toml:6: ", "rows of 5 numbers"},
-        {open + "file = \"v.nrrd\"\ntransfer = [[5, 0, 0, 0, 0], [4, 0, 0, 0, 0]]", "s.toml:6: ", "fall from 5 to 4"},
-        {open + "file = \"v.nrrd\"\ntransfer = [[5, 0, 0, 0, 1.5]]", "s.toml:6: ", "at value 5 has opacity = 1.5"},
-        {open + "file = \"v.nrrd\"\ntransfer = [[5, 0, -1, 0, 0]]", "s.toml:6: ", "green = -1, expected [0, 1]"},
+        {open + "file = \"v.nrrd\"\ntransfer = [[5, 0, 0, 0, 0], [4, 0, 0, 0, 0]]",
+         "s.toml:6: ", "fall from 5 to 4"},
+        {open + "file = \"v.nrrd\"\ntransfer = [[5, 0, 0, 0, 1.5]]",
+         "s.toml:6: ", "at value 5 has opacity = 1.5"},
+        {open + "file = \"v.nrrd\"\ntransfer = [[5, 0, -1, 0, 0]]",
+         "s.toml:6: ", "green = -1, expected [0, 1]"},
         {open + "file = \"v.nrrd\"\ntransfer = [[nan, 0, 0, 0, 0]]", "s.toml:6: ", "transfer = nan"},
         {kVolume + "opacity_step = 0", "s.toml:7: ", "opacity_step = 0, expected > 0"},
         {kVolume + "opacity_step = \"cell\"", "s.toml:7: ", "expected \"voxel\""},
-        {kVolume + "interpolation = \"cubic\"", "s.toml:7: ", "\"trilinear\", \"catmull-rom\" or \"nearest\""},
+        {kVolume + "interpolation = \"cubic\"",
+         "s.toml:7: ", "\"trilinear\", \"catmull-rom\" or \"nearest\""},
         {kVolume + "opacity = 1", "s.toml:7: ", "unknown key \"opacity\""},
         {kVolume + "scale = 0", "s.toml:7: ", "singular"},
         {formula, "s.toml:3: ", "resolution is missing"},
         {formula + "resolution = [1, 2, 2]", "s.toml:8: ", "resolution = 1, expected [2, 65536]"},
         {formula + "resolution = [8, 8]", "s.toml:8: ", "has 2 elements, expected 3"},
         {formula + "resolution = [65536, 65536, 65536]", "s.toml:8: ", "at most 2147483648 voxels"},
-        {open + "expression = \"x\"\nresolution = 8\ntransfer = [[0, 0, 0, 0, 0]]", "s.toml:3: ", "bounds are missing"},
+        {open + "expression = \"x\"\nresolution = 8\ntransfer = [[0, 0, 0, 0, 0]]",
+         "s.toml:3: ", "bounds are missing"},
         {kVolume + "[[surface]]\nname = \"v\"\nimplicit = \"sphere\"", "s.toml:4: ", "name = \"v\" is taken"},
     };
     for (const Bad& bad : cases) expect_refused(bad);

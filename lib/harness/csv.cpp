@@ -8,11 +8,21 @@
 
 namespace pellucid {
 
-std::string csv_cell(double value) { return fmt::format("{}", value); }
-std::string csv_cell(float value) { return fmt::format("{}", value); }
-std::string csv_cell(std::int64_t value) { return std::to_string(value); }
-std::string csv_cell(std::uint64_t value) { return std::to_string(value); }
-std::string csv_cell(bool value) { return value ? "true" : "false"; }
+std::string csv_cell(double value) {
+    return fmt::format("{}", value);
+}
+std::string csv_cell(float value) {
+    return fmt::format("{}", value);
+}
+std::string csv_cell(std::int64_t value) {
+    return std::to_string(value);
+}
+std::string csv_cell(std::uint64_t value) {
+    return std::to_string(value);
+}
+std::string csv_cell(bool value) {
+    return value ? "true" : "false";
+}
 
 std::string csv_cell(std::string_view value) {
     if (value.find_first_of(",\"\r\n") == std::string_view::npos) return std::string(value);
@@ -24,8 +34,8 @@ std::string csv_cell(std::string_view value) {
     return out += '"';
 }
 
-CsvWriter::CsvWriter(std::filesystem::path file, const std::vector<std::string>& columns) :
-    file_(std::move(file)), columns_(columns.size()), out_(file_, std::ios::binary) {
+CsvWriter::CsvWriter(std::filesystem::path file, const std::vector<std::string>& columns)
+    : file_(std::move(file)), columns_(columns.size()), out_(file_, std::ios::binary) {
     if (!out_) throw run_error("{}: cannot be written", file_.string());
     std::vector<std::string> names;
     for (const std::string& column : columns) names.push_back(csv_cell(column));

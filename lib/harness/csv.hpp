@@ -1,8 +1,8 @@
 // Tidy tables: one row per measurement, units in column names, not measured = empty cell.
 #pragma once
 
-#include <cstdint>
 #include <concepts>
+#include <cstdint>
 #include <filesystem>
 #include <fstream>
 #include <optional>
@@ -26,13 +26,18 @@ template <std::signed_integral T>
     return csv_cell(static_cast<std::int64_t>(value));
 }
 template <std::unsigned_integral T>
-    requires(!std::same_as<T, bool>)
-[[nodiscard]] std::string csv_cell(T value) {
+requires(!std::same_as<T, bool>) [[nodiscard]] std::string csv_cell(T value) {
     return csv_cell(static_cast<std::uint64_t>(value));
 }
-[[nodiscard]] inline std::string csv_cell(const std::string& value) { return csv_cell(std::string_view(value)); }
-[[nodiscard]] inline std::string csv_cell(const char* value) { return csv_cell(std::string_view(value)); }
-[[nodiscard]] inline std::string csv_cell(std::nullopt_t) { return {}; }
+[[nodiscard]] inline std::string csv_cell(const std::string& value) {
+    return csv_cell(std::string_view(value));
+}
+[[nodiscard]] inline std::string csv_cell(const char* value) {
+    return csv_cell(std::string_view(value));
+}
+[[nodiscard]] inline std::string csv_cell(std::nullopt_t) {
+    return {};
+}
 template <class T>
 [[nodiscard]] std::string csv_cell(const std::optional<T>& value) {
     return value ? csv_cell(*value) : std::string{};

@@ -106,7 +106,8 @@ std::set<std::string> files_of_older_run(const fs::path& out) {
     for (const Json& file : summary["files"]) {
         if (!file.is_string()) continue;
         const fs::path path = fs::path(file.get<std::string>());
-        if (path.is_absolute() || path.empty() || path != path.lexically_normal() || *path.begin() == "..") continue;
+        if (path.is_absolute() || path.empty() || path != path.lexically_normal() || *path.begin() == "..")
+            continue;
         files.insert(path.string());
     }
     return files;
@@ -115,8 +116,8 @@ std::set<std::string> files_of_older_run(const fs::path& out) {
 }  // namespace
 
 struct Experiment::State {
-    State(ExperimentInfo info_, ExperimentOptions options_, Config config_) :
-        info(std::move(info_)), options(std::move(options_)), config(std::move(config_)) {}
+    State(ExperimentInfo info_, ExperimentOptions options_, Config config_)
+        : info(std::move(info_)), options(std::move(options_)), config(std::move(config_)) {}
 
     ExperimentInfo info;
     ExperimentOptions options;
@@ -159,10 +160,18 @@ Experiment::~Experiment() {
     fs::remove_all(state_->aside, ignored);
 }
 
-ConfigTable Experiment::config_table() const { return state_->config.root(); }
-void Experiment::finish_config() { state_->config.finish(); }
-const ExperimentOptions& Experiment::options() const { return state_->options; }
-Seed Experiment::seed() const { return state_->seed; }
+ConfigTable Experiment::config_table() const {
+    return state_->config.root();
+}
+void Experiment::finish_config() {
+    state_->config.finish();
+}
+const ExperimentOptions& Experiment::options() const {
+    return state_->options;
+}
+Seed Experiment::seed() const {
+    return state_->seed;
+}
 
 Scene Experiment::scene(const fs::path& file) {
     state_->scene_read = true;
@@ -171,8 +180,8 @@ Scene Experiment::scene(const fs::path& file) {
 
 fs::path Experiment::result(const std::string& name, const std::string& extension) {
     const fs::path relative = fs::path(name + extension);
-    if (name.empty() || relative.is_absolute() || relative != relative.lexically_normal() || *relative.begin() == ".." ||
-        relative == kSummary)
+    if (name.empty() || relative.is_absolute() || relative != relative.lexically_normal() ||
+        *relative.begin() == ".." || relative == kSummary)
         throw std::logic_error("not a name for a result: " + relative.string());
     for (const std::string& file : state_->files)
         if (file == relative.string()) throw std::logic_error("a result written twice: " + file);
@@ -199,13 +208,17 @@ void Experiment::png(const std::string& name, const Image& image, const Vec3& ba
     write_png(image, background, result(name, ".png"));
 }
 
-void Experiment::json(const std::string& name, const std::string& text) { write_text(result(name, ".json"), text); }
+void Experiment::json(const std::string& name, const std::string& text) {
+    write_text(result(name, ".json"), text);
+}
 
 void Experiment::check(const std::string& name, double value, const std::string& relation, double limit) {
     state_->checks.push_back({name, value, relation, limit, holds(value, relation, limit)});
 }
 
-void Experiment::device(const Device& device) { state_->devices.push_back(device); }
+void Experiment::device(const Device& device) {
+    state_->devices.push_back(device);
+}
 
 Experiment::Stage::~Stage() {
     const std::chrono::duration<double> seconds = std::chrono::steady_clock::now() - start_;
@@ -247,8 +260,11 @@ int Experiment::finish() {
     summary["commit"] = build.commit;
     summary["date_utc"] = s.date;
     summary["build"] = {{"compiler", build.compiler}, {"flags", build.flags}, {"type", build.build_type}};
-    summary["host"] = {{"cpu", host.cpu}, {"cores", host.cores}, {"threads", thread_count()},
-                       {"memory_bytes", host.memory_bytes}, {"os", host.os}};
+    summary["host"] = {{"cpu", host.cpu},
+                       {"cores", host.cores},
+                       {"threads", thread_count()},
+                       {"memory_bytes", host.memory_bytes},
+                       {"os", host.os}};
     summary["devices"] = Json::array({{{"backend", "cpu"}, {"name", host.cpu}, {"threads", thread_count()}}});
     for (const Device& device : s.devices) {
         Json entry{{"backend", device.backend}, {"name", device.name}};
@@ -257,12 +273,16 @@ int Experiment::finish() {
         summary["devices"].push_back(std::move(entry));
     }
     summary["stages"] = Json::array();
-    for (const auto& [name, seconds] : s.stages) summary["stages"].push_back({{"name", name}, {"wall_s", seconds}});
+    for (const auto& [name, seconds] : s.stages)
+        summary["stages"].push_back({{"name", name}, {"wall_s", seconds}});
     summary["checks"] = Json::array();
     bool all_hold = true;
     for (const Check& check : s.checks) {  // NaN and infinities become null: JSON has none
-        summary["checks"].push_back({{"name", check.name}, {"value", check.value}, {"relation", check.relation},
-                                     {"limit", check.limit}, {"passed", check.passed}});
+        summary["checks"].push_back({{"name", check.name},
+                                     {"value", check.value},
+                                     {"relation", check.relation},
+                                     {"limit", check.limit},
+                                     {"passed", check.passed}});
         all_hold = all_hold && check.passed;
     }
     summary["files"] = s.files;
@@ -275,7 +295,8 @@ int Experiment::finish() {
     std::set<std::string> stale = files_of_older_run(s.out);
     std::error_code failure;
     const auto or_fail = [&failure](const fs::path& path) {
-        if (failure) throw run_error("{}: cannot be written ({})", one_line(path.string()), failure.message());
+        if (failure)
+            throw run_error("{}: cannot be written ({})", one_line(path.string()), failure.message());
     };
     fs::create_directories(s.out, failure);
     or_fail(s.out);
@@ -293,10 +314,11 @@ int Experiment::finish() {
 
     for (const Check& check : s.checks)
         if (!check.passed)
-            fmt::print(stderr, "{}: check failed: {} = {}, expected {} {}\n", s.info.name, one_line(check.name),
-                       check.value, check.relation, check.limit);
+            fmt::print(stderr, "{}: check failed: {} = {}, expected {} {}\n", s.info.name,
+                       one_line(check.name), check.value, check.relation, check.limit);
     if (!s.options.quiet && on_terminal())
-        fmt::print(stderr, "{}: {} files in {}, {} checks\n", s.info.name, moves.size(), s.out.string(), s.checks.size());
+        fmt::print(stderr, "{}: {} files in {}, {} checks\n", s.info.name, moves.size(), s.out.string(),
+                   s.checks.size());
     return all_hold ? 0 : 1;
 }
 
@@ -310,7 +332,10 @@ int run_experiment(int argc, char** argv, const ExperimentInfo& info,
         apply_run_options(options);
         Experiment experiment(info, options);
         if (options.backend == Backend::all)
-            experiment.device({.backend = "vulkan", .name = "", .driver = "", .note = "none: this build has no Vulkan backend"});
+            experiment.device({.backend = "vulkan",
+                               .name = "",
+                               .driver = "",
+                               .note = "none: this build has no Vulkan backend"});
         body(experiment);
         return experiment.finish();
     });

@@ -6,8 +6,8 @@
 //   int main(int argc, char** argv) {
 //       return run_experiment(argc, argv, {"opacity_tilt", "Does the drawn opacity … follow …?"},
 //                             [](Experiment& ex) {
-//           const Settings settings = ex.config(read_settings);  // Settings read_settings(const ConfigTable&)
-//           CsvWriter& csv = ex.csv("opacity", {"tilt_deg", "alpha_drawn", "alpha_theory"});
+//           const Settings settings = ex.config(read_settings);  // Settings read_settings(const
+//           ConfigTable&) CsvWriter& csv = ex.csv("opacity", {"tilt_deg", "alpha_drawn", "alpha_theory"});
 //           auto progress = ex.progress("tilts", settings.tilts_deg.size());
 //           for (const double tilt_deg : settings.tilts_deg) {
 //               csv.row(tilt_deg, drawn, theory);                // an empty optional is an empty cell
@@ -45,8 +45,8 @@ struct ExperimentInfo {
 struct Device {
     std::string backend;  // "cpu", "vulkan"
     std::string name;
-    std::string driver;   // may be empty
-    std::string note;     // may be empty
+    std::string driver;  // may be empty
+    std::string note;    // may be empty
 };
 
 class Experiment {

@@ -6,8 +6,8 @@
 #include <exception>
 #include <new>
 
-#include <CLI/CLI.hpp>
 #include <fmt/format.h>
+#include <CLI/CLI.hpp>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
@@ -21,7 +21,8 @@ struct Arguments::Parser {
     // CLI11 binds no std::optional<number> strictly enough (it takes "1e3x" as 1000), so numbers are
     // read from text here.
     template <class Out, class Read>
-    void read(const std::string& names, Out out, const std::string& type, const std::string& help, const Read& read) {
+    void read(const std::string& names, Out out, const std::string& type, const std::string& help,
+              const Read& read) {
         app.add_option_function<std::string>(
                names,
                [out, names, type, read](const std::string& text) {
@@ -37,7 +38,8 @@ struct Arguments::Parser {
 namespace {
 
 bool read_unsigned(const std::string& text, std::uint64_t& value) {
-    if (text.empty() || text.size() > 20 || text.find_first_not_of("0123456789") != std::string::npos) return false;
+    if (text.empty() || text.size() > 20 || text.find_first_not_of("0123456789") != std::string::npos)
+        return false;
     try {
         value = std::stoull(text);
     } catch (const std::out_of_range&) {
@@ -48,8 +50,8 @@ bool read_unsigned(const std::string& text, std::uint64_t& value) {
 
 }  // namespace
 
-Arguments::Arguments(const std::string& name, const std::string& description) :
-    parser_(std::make_unique<Parser>()) {
+Arguments::Arguments(const std::string& name, const std::string& description)
+    : parser_(std::make_unique<Parser>()) {
     parser_->app.name(name);
     parser_->app.description(description);
     const BuildInfo build = build_info();
@@ -61,7 +63,9 @@ Arguments::Arguments(Arguments&&) noexcept = default;
 Arguments& Arguments::operator=(Arguments&&) noexcept = default;
 
 void Arguments::flag(const std::string& names, bool& value, const std::string& help) {
-    parser_->app.add_flag_function(names, [&value](std::int64_t) { value = true; }, help)
+    parser_->app
+        .add_flag_function(
+            names, [&value](std::int64_t) { value = true; }, help)
         ->disable_flag_override();  // no --quiet=maybe
 }
 
@@ -70,29 +74,33 @@ void Arguments::option(const std::string& names, std::string& value, const std::
 }
 
 void Arguments::option(const std::string& names, std::optional<std::string>& value, const std::string& help) {
-    parser_->app.add_option_function<std::string>(names, [&value](const std::string& text) { value = text; }, help);
+    parser_->app.add_option_function<std::string>(
+        names, [&value](const std::string& text) { value = text; }, help);
 }
 
 void Arguments::option(const std::string& names, std::optional<double>& value, const std::string& help) {
-    parser_->read(names, std::ref(value), "a finite number", help, [](const std::string& text, std::optional<double>& out) {
-        double number = 0;
-        int used = 0;
-        if (text.empty() || std::isspace(static_cast<unsigned char>(text[0])) != 0 ||
-            std::sscanf(text.c_str(), "%lf%n", &number, &used) != 1 ||
-            static_cast<std::size_t>(used) != text.size() || !std::isfinite(number))
-            return false;
-        out = number;
-        return true;
-    });
+    parser_->read(names, std::ref(value), "a finite number", help,
+                  [](const std::string& text, std::optional<double>& out) {
+                      double number = 0;
+                      int used = 0;
+                      if (text.empty() || std::isspace(static_cast<unsigned char>(text[0])) != 0 ||
+                          std::sscanf(text.c_str(), "%lf%n", &number, &used) != 1 ||
+                          static_cast<std::size_t>(used) != text.size() || !std::isfinite(number))
+                          return false;
+                      out = number;
+                      return true;
+                  });
 }
 
-void Arguments::option(const std::string& names, std::optional<std::uint64_t>& value, const std::string& help) {
-    parser_->read(names, std::ref(value), "an integer >= 0", help, [](const std::string& text, std::optional<std::uint64_t>& out) {
-        std::uint64_t number = 0;
-        if (!read_unsigned(text, number)) return false;
-        out = number;
-        return true;
-    });
+void Arguments::option(const std::string& names, std::optional<std::uint64_t>& value,
+                       const std::string& help) {
+    parser_->read(names, std::ref(value), "an integer >= 0", help,
+                  [](const std::string& text, std::optional<std::uint64_t>& out) {
+                      std::uint64_t number = 0;
+                      if (!read_unsigned(text, number)) return false;
+                      out = number;
+                      return true;
+                  });
 }
 
 void Arguments::option(const std::string& names, int& value, int lo, int hi, const std::string& help) {
@@ -100,7 +108,8 @@ void Arguments::option(const std::string& names, int& value, int lo, int hi, con
                   [lo, hi](const std::string& text, int& out) {
                       const bool minus = !text.empty() && text[0] == '-';
                       std::uint64_t size = 0;
-                      if (!read_unsigned(minus ? text.substr(1) : text, size) || size > 0x7fffffffU) return false;
+                      if (!read_unsigned(minus ? text.substr(1) : text, size) || size > 0x7fffffffU)
+                          return false;
                       const int number = minus ? -static_cast<int>(size) : static_cast<int>(size);
                       if (number < lo || number > hi) return false;
                       out = number;
@@ -118,11 +127,13 @@ void Arguments::choice(const std::string& names, const std::vector<std::string>&
     parser_->read(names, take, fmt::format("{}", fmt::join(choices, "|")), help, read);
 }
 
-void Arguments::repeated(const std::string& names, std::vector<std::string>& values, const std::string& help) {
+void Arguments::repeated(const std::string& names, std::vector<std::string>& values,
+                         const std::string& help) {
     parser_->app.add_option(names, values, help)->type_name("KEY=VALUE")->allow_extra_args(false);
 }
 
-void Arguments::positional(const std::string& name, std::string& value, const std::string& help, bool required) {
+void Arguments::positional(const std::string& name, std::string& value, const std::string& help,
+                           bool required) {
     parser_->app.add_option(name, value, help)->required(required);
 }
 
@@ -142,20 +153,24 @@ void add_run_options(Arguments& arguments, RunOptions& options) {
     arguments.choice(
         "--backend", {"cpu", "vulkan", "all"},
         [&options](const std::string& name) {
-            options.backend = name == "cpu" ? Backend::cpu : name == "vulkan" ? Backend::vulkan : Backend::all;
+            options.backend = name == "cpu"      ? Backend::cpu
+                              : name == "vulkan" ? Backend::vulkan
+                                                 : Backend::all;
         },
         "where to run; all = cpu, and vulkan if there is any");
     arguments.option("--device", options.device, "which Vulkan device, by name");
     arguments.option("--seed", options.seed, "seed of all random numbers");
     arguments.option("--threads", options.threads, 0, 4096, "most threads; 0 = all cores");
-    arguments.repeated("--set", options.overrides, "replace a key of the configuration or scene; VALUE as in TOML");
+    arguments.repeated("--set", options.overrides,
+                       "replace a key of the configuration or scene; VALUE as in TOML");
     arguments.flag("--quiet", options.quiet, "no progress bar");
 }
 
 void add_experiment_options(Arguments& arguments, ExperimentOptions& options) {
     arguments.option("--config", options.config, "configuration; without it configs/NAME.toml");
-    arguments.choice("--preset", {"quick", "default", "paper"},
-                     [&options](const std::string& name) { options.preset = name; }, "how much to compute");
+    arguments.choice(
+        "--preset", {"quick", "default", "paper"},
+        [&options](const std::string& name) { options.preset = name; }, "how much to compute");
     arguments.option("--out", options.out, "folder of the results; without it results/NAME");
     add_run_options(arguments, options);
 }

@@ -28,7 +28,7 @@ enum class Backend { cpu, vulkan, all };
 /// What every command takes.
 struct RunOptions {
     Backend backend = Backend::cpu;
-    std::string device;                  // --device; empty: choose
+    std::string device;  // --device; empty: choose
     std::optional<std::uint64_t> seed;
     int threads = 0;                     // 0: all cores
     std::vector<std::string> overrides;  // --set, in order
@@ -37,9 +37,9 @@ struct RunOptions {
 
 /// What every experiment takes besides.
 struct ExperimentOptions : RunOptions {
-    std::string config;                  // empty: configs/NAME.toml
-    std::string preset = "default";      // quick, default, paper
-    std::string out;                     // empty: results/NAME
+    std::string config;              // empty: configs/NAME.toml
+    std::string preset = "default";  // quick, default, paper
+    std::string out;                 // empty: results/NAME
 };
 
 /// A command line to be: options are bound to variables, which keep their values (the defaults)
@@ -63,7 +63,8 @@ public:
     /// May be given more than once; each time with one value.
     void repeated(const std::string& names, std::vector<std::string>& values, const std::string& help);
     /// Named in capitals in the help: SCENE.
-    void positional(const std::string& name, std::string& value, const std::string& help, bool required = true);
+    void positional(const std::string& name, std::string& value, const std::string& help,
+                    bool required = true);
 
     /// False where --help or --version was asked for and printed. Throws Error(input), one line.
     [[nodiscard]] bool parse(int argc, const char* const* argv);

@@ -17,7 +17,8 @@ bool on_terminal() {
 
 std::string progress_line(const std::string& label, std::size_t done, std::size_t total, double seconds) {
     constexpr std::size_t kBar = 24;
-    const double part = total == 0 ? 1.0 : std::min(1.0, static_cast<double>(done) / static_cast<double>(total));
+    const double part =
+        total == 0 ? 1.0 : std::min(1.0, static_cast<double>(done) / static_cast<double>(total));
     std::string bar(kBar, ' ');
     std::fill_n(bar.begin(), static_cast<std::size_t>(part * static_cast<double>(kBar)), '#');
     std::string line = fmt::format("{} [{}] {}/{}", label, bar, done, total);
@@ -30,8 +31,8 @@ std::string progress_line(const std::string& label, std::size_t done, std::size_
     return line + fmt::format("  {:.1f} h left", left / 3600);
 }
 
-Progress::Progress(std::string label, std::size_t total, bool shown) :
-    label_(std::move(label)), total_(total), shown_(shown) {}
+Progress::Progress(std::string label, std::size_t total, bool shown)
+    : label_(std::move(label)), total_(total), shown_(shown) {}
 
 Progress::~Progress() {
     if (shown_ && drawn_ != Clock::time_point{}) std::fputs("\r\033[K", stderr);

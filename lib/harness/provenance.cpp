@@ -46,7 +46,8 @@ HostInfo host_info() {
                      : static_cast<int>(std::max(1L, sysconf(_SC_NPROCESSORS_ONLN)));
     const long pages = sysconf(_SC_PHYS_PAGES);
     const long page = sysconf(_SC_PAGESIZE);
-    if (pages > 0 && page > 0) host.memory_bytes = static_cast<std::uint64_t>(pages) * static_cast<std::uint64_t>(page);
+    if (pages > 0 && page > 0)
+        host.memory_bytes = static_cast<std::uint64_t>(pages) * static_cast<std::uint64_t>(page);
     host.os = line_of("/etc/os-release", "PRETTY_NAME");
     utsname name{};
     if (uname(&name) == 0)

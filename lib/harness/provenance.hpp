@@ -8,9 +8,9 @@ namespace pellucid {
 
 /// What was built. "unknown" for what could not be found out.
 struct BuildInfo {
-    std::string version;     // "0.1.0"
-    std::string commit;      // as of the last build; "-dirty" after it where tracked files differed
-    std::string compiler;    // "GNU 12.2.0"
+    std::string version;   // "0.1.0"
+    std::string commit;    // as of the last build; "-dirty" after it where tracked files differed
+    std::string compiler;  // "GNU 12.2.0"
     std::string flags;
     std::string build_type;  // "Release"
 };
@@ -18,10 +18,10 @@ struct BuildInfo {
 
 /// What it runs on.
 struct HostInfo {
-    std::string cpu;                 // model name
-    int cores = 0;                   // logical processors that this process may use
+    std::string cpu;  // model name
+    int cores = 0;    // logical processors that this process may use
     std::uint64_t memory_bytes = 0;
-    std::string os;                  // distribution, kernel and architecture
+    std::string os;  // distribution, kernel and architecture
 };
 [[nodiscard]] HostInfo host_info();
 

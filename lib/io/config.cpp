@@ -7,8 +7,8 @@
 #include <sstream>
 
 #include <fmt/format.h>
-#include <nlohmann/json.hpp>
 #include <toml++/toml.h>
+#include <nlohmann/json.hpp>
 
 namespace pellucid {
 
@@ -19,7 +19,9 @@ struct Place {
     std::shared_ptr<const std::string> origin;
     unsigned line = 0;  // 0: the origin has no lines
 
-    [[nodiscard]] std::string text() const { return line > 0 ? fmt::format("{}:{}", *origin, line) : *origin; }
+    [[nodiscard]] std::string text() const {
+        return line > 0 ? fmt::format("{}:{}", *origin, line) : *origin;
+    }
 };
 
 /// A TOML value with its place. A copy of what toml++ parsed, because documents are merged here and
@@ -31,8 +33,8 @@ struct ConfigNode {
     std::int64_t integer = 0;
     double number = 0;  // of integers, too
     std::string string;
-    std::vector<std::string> keys;     // of a table: keys[i] names items[i]
-    std::vector<ConfigNode> items;     // of a table or array
+    std::vector<std::string> keys;  // of a table: keys[i] names items[i]
+    std::vector<ConfigNode> items;  // of a table or array
 
     [[nodiscard]] const ConfigNode* find(std::string_view key) const {
         if (kind != ValueKind::table) return nullptr;
@@ -62,9 +64,9 @@ struct ConfigDocument {
     std::string source;
     std::filesystem::path directory;
     ConfigNode root;
-    std::vector<ConfigNode> other_presets;                // not chosen; only their keys are checked
-    std::map<std::string, std::set<std::string>> asked;   // path of a table -> keys asked for
-    std::set<std::string> asked_whole;                    // paths whose contents are all used
+    std::vector<ConfigNode> other_presets;               // not chosen; only their keys are checked
+    std::map<std::string, std::set<std::string>> asked;  // path of a table -> keys asked for
+    std::set<std::string> asked_whole;                   // paths whose contents are all used
     Json resolved = Json::object();
 };
 
@@ -81,18 +83,28 @@ std::string joined(const std::string& path, std::string_view key) {
     return path + kPathSeparator + std::string(key);
 }
 
-std::string in_quotes(std::string_view text, std::size_t limit = 60) { return '"' + one_line(text, limit) + '"'; }
+std::string in_quotes(std::string_view text, std::size_t limit = 60) {
+    return '"' + one_line(text, limit) + '"';
+}
 
 std::string_view kind_name(ValueKind kind) {
     switch (kind) {
-        case ValueKind::absent: return "nothing";
-        case ValueKind::boolean: return "a boolean";
-        case ValueKind::integer: return "an integer";
-        case ValueKind::number: return "a number";
-        case ValueKind::string: return "a string";
-        case ValueKind::date: return "a date";
-        case ValueKind::array: return "a list";
-        case ValueKind::table: return "a table";
+        case ValueKind::absent:
+            return "nothing";
+        case ValueKind::boolean:
+            return "a boolean";
+        case ValueKind::integer:
+            return "an integer";
+        case ValueKind::number:
+            return "a number";
+        case ValueKind::string:
+            return "a string";
+        case ValueKind::date:
+            return "a date";
+        case ValueKind::array:
+            return "a list";
+        case ValueKind::table:
+            return "a table";
     }
     return "?";
 }
@@ -100,11 +112,16 @@ std::string_view kind_name(ValueKind kind) {
 /// A value as it stands in messages.
 std::string shown(const ConfigNode& node) {
     switch (node.kind) {
-        case ValueKind::boolean: return node.boolean ? "true" : "false";
-        case ValueKind::integer: return std::to_string(node.integer);
-        case ValueKind::number: return fmt::format("{}", node.number);
-        case ValueKind::string: return in_quotes(node.string);
-        case ValueKind::date: return node.string;
+        case ValueKind::boolean:
+            return node.boolean ? "true" : "false";
+        case ValueKind::integer:
+            return std::to_string(node.integer);
+        case ValueKind::number:
+            return fmt::format("{}", node.number);
+        case ValueKind::string:
+            return in_quotes(node.string);
+        case ValueKind::date:
+            return node.string;
         case ValueKind::array: {
             std::string out = "[";
             for (const ConfigNode& item : node.items) {
@@ -114,7 +131,8 @@ std::string shown(const ConfigNode& node) {
             }
             return out + "]";
         }
-        default: return "{…}";
+        default:
+            return "{…}";
     }
 }
 
@@ -210,7 +228,8 @@ std::vector<std::string> split_path(std::string_view path, const std::string& or
             if (close == std::string_view::npos) throw input_error("{}: a quote is not closed", origin);
             part = path.substr(i + 1, close - i - 1);
             i = close + 1;
-            if (i < path.size() && path[i] != '.') throw input_error("{}: expected \".\" after a quote", origin);
+            if (i < path.size() && path[i] != '.')
+                throw input_error("{}: expected \".\" after a quote", origin);
         } else {
             const std::size_t dot = std::min(path.find('.', i), path.size());
             part = path.substr(i, dot - i);
@@ -286,7 +305,8 @@ void refuse_unknown(const ConfigDocument& document, const ConfigNode& node, cons
     if (document.asked_whole.contains(path)) return;
     if (node.kind == ValueKind::array) {
         for (std::size_t i = 0; i < node.items.size(); ++i)
-            refuse_unknown(document, node.items[i], joined(path, std::to_string(i)), fmt::format("{}[{}]", name, i));
+            refuse_unknown(document, node.items[i], joined(path, std::to_string(i)),
+                           fmt::format("{}[{}]", name, i));
         return;
     }
     if (node.kind != ValueKind::table) return;
@@ -297,8 +317,9 @@ void refuse_unknown(const ConfigDocument& document, const ConfigNode& node, cons
         if (!asked.contains(key)) {
             const std::vector<std::string> known(asked.begin(), asked.end());
             const std::optional<std::string> nearest = nearest_name(key, known);
-            throw input_error("{}: {}{}unknown key {}{}", node.items[i].place.text(), name, name.empty() ? "" : ": ",
-                              in_quotes(key), nearest ? fmt::format(", did you mean {}?", in_quotes(*nearest)) : "");
+            throw input_error("{}: {}{}unknown key {}{}", node.items[i].place.text(), name,
+                              name.empty() ? "" : ": ", in_quotes(key),
+                              nearest ? fmt::format(", did you mean {}?", in_quotes(*nearest)) : "");
         }
         refuse_unknown(document, node.items[i], joined(path, key),
                        name.empty() ? key : fmt::format("{}.{}", name, key));
@@ -328,7 +349,8 @@ std::string one_line(std::string_view text, std::size_t limit) {
     std::string out(text.substr(0, limit));
     if (text.size() > limit) {
         // Not in the middle of a character: continuation bytes of UTF-8 are 10xxxxxx.
-        while (!out.empty() && (static_cast<unsigned char>(text[out.size()]) & 0xC0U) == 0x80U) out.pop_back();
+        while (!out.empty() && (static_cast<unsigned char>(text[out.size()]) & 0xC0U) == 0x80U)
+            out.pop_back();
         out += "…";
     }
     for (char& c : out)
@@ -368,7 +390,8 @@ std::optional<std::string> nearest_name(std::string_view name, std::span<const s
 
 // ---- Config
 
-Config Config::parse(std::string_view toml, const std::string& source, const std::filesystem::path& directory) {
+Config Config::parse(std::string_view toml, const std::string& source,
+                     const std::filesystem::path& directory) {
     auto document = std::make_shared<ConfigDocument>();
     document->source = source;
     document->directory = directory;
@@ -449,7 +472,9 @@ void Config::apply_override(std::string_view assignment) {
     }
 }
 
-bool Config::holds(std::string_view key) const { return document_->root.find(key) != nullptr; }
+bool Config::holds(std::string_view key) const {
+    return document_->root.find(key) != nullptr;
+}
 
 ConfigTable Config::root() const {
     ConfigTable table(document_, &document_->root);
@@ -466,13 +491,16 @@ std::string Config::to_json() const {
     return document_->resolved.dump(2, ' ', false, Json::error_handler_t::replace);
 }
 
-const std::string& Config::source() const { return document_->source; }
+const std::string& Config::source() const {
+    return document_->source;
+}
 
 // ---- ConfigTable
 
 std::string ConfigTable::asked_path() const {
     std::string path;
-    for (const PathPart& part : path_) path = joined(path, part.index ? std::to_string(*part.index) : part.key);
+    for (const PathPart& part : path_)
+        path = joined(path, part.index ? std::to_string(*part.index) : part.key);
     return path;
 }
 
@@ -488,7 +516,9 @@ std::string ConfigTable::name_of(std::string_view key) const {
     return name.empty() ? label_ : label_ + ": " + name;
 }
 
-std::string ConfigTable::title() const { return name_of(""); }
+std::string ConfigTable::title() const {
+    return name_of("");
+}
 
 Error ConfigTable::error(std::string_view key, std::string_view problem) const {
     const ConfigNode* node = node_ == nullptr || key.empty() ? nullptr : node_->find(key);
@@ -498,17 +528,19 @@ Error ConfigTable::error(std::string_view key, std::string_view problem) const {
 }
 
 Error ConfigTable::wrong_type(std::string_view key, const ConfigNode& node, std::string_view expected) const {
-    return error(key, node.kind == ValueKind::table
-                          ? fmt::format("is a table, expected {}", expected)
-                          : fmt::format("= {} is {}, expected {}", shown(node), kind_name(node.kind), expected));
+    return error(key, node.kind == ValueKind::table ? fmt::format("is a table, expected {}", expected)
+                                                    : fmt::format("= {} is {}, expected {}", shown(node),
+                                                                  kind_name(node.kind), expected));
 }
 
-Error ConfigTable::wrong_value(std::string_view key, const std::string& value, std::string_view expected) const {
+Error ConfigTable::wrong_value(std::string_view key, const std::string& value,
+                               std::string_view expected) const {
     return error(key, fmt::format("= {}, expected {}", value, expected));
 }
 
 /// The node, or null where it is absent and there is a default.
-const ConfigNode* ConfigTable::need(std::string_view key, std::string_view expected, bool has_fallback) const {
+const ConfigNode* ConfigTable::need(std::string_view key, std::string_view expected,
+                                    bool has_fallback) const {
     const ConfigNode* node = find(key);
     if (node == nullptr && !has_fallback) throw error(key, fmt::format("is missing, expected {}", expected));
     return node;
@@ -519,7 +551,9 @@ template <class T>
 Json json_of(const T& value) {
     return Json(value);
 }
-Json json_of(double v) { return std::isfinite(v) ? Json(v) : Json(fmt::format("{}", v)); }
+Json json_of(double v) {
+    return std::isfinite(v) ? Json(v) : Json(fmt::format("{}", v));
+}
 template <class T>
 Json json_of(const std::vector<T>& values) {
     Json list = Json::array();
@@ -560,7 +594,8 @@ bool ConfigTable::boolean(std::string_view key, std::optional<bool> fallback) co
 }
 
 double ConfigTable::checked_number(std::string_view key, const ConfigNode& node, const Range& range) const {
-    if (node.kind != ValueKind::number && node.kind != ValueKind::integer) throw wrong_type(key, node, "a number");
+    if (node.kind != ValueKind::number && node.kind != ValueKind::integer)
+        throw wrong_type(key, node, "a number");
     if (!range.contains(node.number)) {
         // "-inf, expected >= 0" says it all; "inf, expected >= 0" does not.
         const bool silent = std::isinf(node.number) && node.number >= range.lo && node.number <= range.hi;
@@ -584,7 +619,7 @@ std::int64_t ConfigTable::checked_integer(std::string_view key, const ConfigNode
     if (node.kind != ValueKind::integer) throw wrong_type(key, node, "an integer");
     if (node.integer < range.lo || node.integer > range.hi) {
         const IntegerRange all;
-        const std::string expected = range.hi == all.hi ? fmt::format(">= {}", range.lo)
+        const std::string expected = range.hi == all.hi   ? fmt::format(">= {}", range.lo)
                                      : range.lo == all.lo ? fmt::format("<= {}", range.hi)
                                                           : fmt::format("[{}, {}]", range.lo, range.hi);
         throw wrong_value(key, shown(node), expected);
@@ -614,8 +649,9 @@ std::vector<T> ConfigTable::list(std::string_view key, const std::vector<T>* fal
     if (node->kind == ValueKind::array) {
         if (node->items.size() < count.min || node->items.size() > count.max) {
             const std::string wanted = count.min == count.max ? std::to_string(count.min)
-                                       : node->items.size() < count.min ? fmt::format("at least {}", count.min)
-                                                                        : fmt::format("at most {}", count.max);
+                                       : node->items.size() < count.min
+                                           ? fmt::format("at least {}", count.min)
+                                           : fmt::format("at most {}", count.max);
             throw error(key, fmt::format("has {} element{}, expected {}", node->items.size(),
                                          node->items.size() == 1 ? "" : "s", wanted));
         }
@@ -642,33 +678,37 @@ std::vector<std::int64_t> ConfigTable::integers(std::string_view key,
                 [&](const ConfigNode& item) { return checked_integer(key, item, range); });
 }
 
-std::vector<std::string> ConfigTable::texts(std::string_view key, std::optional<std::vector<std::string>> fallback,
+std::vector<std::string> ConfigTable::texts(std::string_view key,
+                                            std::optional<std::vector<std::string>> fallback,
                                             const Count& count) const {
-    return list(key, fallback ? &*fallback : nullptr, "a list of strings", count, [&](const ConfigNode& item) {
-        if (item.kind != ValueKind::string) throw wrong_type(key, item, "a string");
-        return item.string;
-    });
+    return list(key, fallback ? &*fallback : nullptr, "a list of strings", count,
+                [&](const ConfigNode& item) {
+                    if (item.kind != ValueKind::string) throw wrong_type(key, item, "a string");
+                    return item.string;
+                });
 }
 
 Vec3 ConfigTable::vec3(std::string_view key, std::optional<Vec3> fallback, const Range& range) const {
     std::vector<double> list_fallback;
     if (fallback) list_fallback = {fallback->x, fallback->y, fallback->z};
-    const std::vector<double> v = list(key, fallback ? &list_fallback : nullptr, "three numbers", exactly(3),
-                                       [&](const ConfigNode& item) { return checked_number(key, item, range); });
+    const std::vector<double> v =
+        list(key, fallback ? &list_fallback : nullptr, "three numbers", exactly(3),
+             [&](const ConfigNode& item) { return checked_number(key, item, range); });
     return {v[0], v[1], v[2]};
 }
 
 std::vector<std::vector<double>> ConfigTable::rows(std::string_view key, std::size_t columns,
                                                    const Count& count) const {
-    return list<std::vector<double>>(
-        key, nullptr, fmt::format("a list of rows of {} numbers", columns), count, [&](const ConfigNode& row) {
-                    if (row.kind != ValueKind::array || row.items.size() != columns)
-                        throw wrong_value(key, fmt::format("[… {} …]", shown(row)),
-                                          fmt::format("rows of {} numbers", columns));
-                    std::vector<double> values;
-                    for (const ConfigNode& item : row.items) values.push_back(checked_number(key, item, {}));
-                    return values;
-                });
+    return list<std::vector<double>>(key, nullptr, fmt::format("a list of rows of {} numbers", columns),
+                                     count, [&](const ConfigNode& row) {
+                                         if (row.kind != ValueKind::array || row.items.size() != columns)
+                                             throw wrong_value(key, fmt::format("[… {} …]", shown(row)),
+                                                               fmt::format("rows of {} numbers", columns));
+                                         std::vector<double> values;
+                                         for (const ConfigNode& item : row.items)
+                                             values.push_back(checked_number(key, item, {}));
+                                         return values;
+                                     });
 }
 
 std::map<std::string, double> ConfigTable::number_map(std::string_view key) const {
@@ -725,7 +765,8 @@ std::vector<ConfigTable> ConfigTable::tables(std::string_view key) const {
         if (label_.empty() && prefix_.empty()) {
             const ConfigNode* name = item.find("name");
             const bool named = name != nullptr && name->kind == ValueKind::string;
-            element.label_ = named ? fmt::format("{} {}", key, in_quotes(name->string)) : fmt::format("{} {}", key, i);
+            element.label_ =
+                named ? fmt::format("{} {}", key, in_quotes(name->string)) : fmt::format("{} {}", key, i);
         } else {
             element.prefix_ += fmt::format("{}[{}].", key, i);
         }

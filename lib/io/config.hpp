@@ -43,12 +43,18 @@ struct Range {
     [[nodiscard]] bool contains(double x) const;
     [[nodiscard]] std::string text() const;  // "[0, 1)", "> 0", "a finite number"
 };
-[[nodiscard]] constexpr Range within(double lo, double hi) { return {.lo = lo, .hi = hi}; }
+[[nodiscard]] constexpr Range within(double lo, double hi) {
+    return {.lo = lo, .hi = hi};
+}
 [[nodiscard]] constexpr Range strictly_within(double lo, double hi) {
     return {.lo = lo, .hi = hi, .lo_open = true, .hi_open = true};
 }
-[[nodiscard]] constexpr Range at_least(double lo) { return {.lo = lo}; }
-[[nodiscard]] constexpr Range above(double lo) { return {.lo = lo, .lo_open = true}; }
+[[nodiscard]] constexpr Range at_least(double lo) {
+    return {.lo = lo};
+}
+[[nodiscard]] constexpr Range above(double lo) {
+    return {.lo = lo, .lo_open = true};
+}
 
 struct IntegerRange {
     std::int64_t lo = std::numeric_limits<std::int64_t>::min();
@@ -60,7 +66,9 @@ struct Count {
     std::size_t min = 1;
     std::size_t max = std::numeric_limits<std::size_t>::max();
 };
-[[nodiscard]] constexpr Count exactly(std::size_t n) { return {n, n}; }
+[[nodiscard]] constexpr Count exactly(std::size_t n) {
+    return {n, n};
+}
 
 enum class ValueKind { absent, boolean, integer, number, string, date, array, table };
 
@@ -93,12 +101,14 @@ public:
     /// Lists. One value alone is a list of one.
     std::vector<double> numbers(std::string_view key, std::optional<std::vector<double>> fallback,
                                 const Range& range = {}, const Count& count = {}) const;
-    std::vector<std::int64_t> integers(std::string_view key, std::optional<std::vector<std::int64_t>> fallback,
+    std::vector<std::int64_t> integers(std::string_view key,
+                                       std::optional<std::vector<std::int64_t>> fallback,
                                        const IntegerRange& range = {}, const Count& count = {}) const;
     std::vector<std::string> texts(std::string_view key, std::optional<std::vector<std::string>> fallback,
                                    const Count& count = {}) const;
     /// A required list of lists of `columns` finite numbers each.
-    std::vector<std::vector<double>> rows(std::string_view key, std::size_t columns, const Count& count = {}) const;
+    std::vector<std::vector<double>> rows(std::string_view key, std::size_t columns,
+                                          const Count& count = {}) const;
     /// A sub-table of numbers under free names; empty where absent.
     std::map<std::string, double> number_map(std::string_view key) const;
 
@@ -143,16 +153,20 @@ private:
         std::string key;
         std::optional<std::size_t> index;
     };
-    ConfigTable(std::shared_ptr<ConfigDocument> document, const ConfigNode* node) :
-        document_(std::move(document)), node_(node) {}
+    ConfigTable(std::shared_ptr<ConfigDocument> document, const ConfigNode* node)
+        : document_(std::move(document)), node_(node) {}
     [[nodiscard]] const ConfigNode* find(std::string_view key) const;
-    [[nodiscard]] const ConfigNode* need(std::string_view key, std::string_view expected, bool has_fallback) const;
-    [[nodiscard]] Error wrong_type(std::string_view key, const ConfigNode& node, std::string_view expected) const;
-    [[nodiscard]] Error wrong_value(std::string_view key, const std::string& value, std::string_view expected) const;
+    [[nodiscard]] const ConfigNode* need(std::string_view key, std::string_view expected,
+                                         bool has_fallback) const;
+    [[nodiscard]] Error wrong_type(std::string_view key, const ConfigNode& node,
+                                   std::string_view expected) const;
+    [[nodiscard]] Error wrong_value(std::string_view key, const std::string& value,
+                                    std::string_view expected) const;
     [[nodiscard]] std::string name_of(std::string_view key) const;
     [[nodiscard]] std::string asked_path() const;
     double checked_number(std::string_view key, const ConfigNode& node, const Range& range) const;
-    std::int64_t checked_integer(std::string_view key, const ConfigNode& node, const IntegerRange& range) const;
+    std::int64_t checked_integer(std::string_view key, const ConfigNode& node,
+                                 const IntegerRange& range) const;
     template <class T, class Read>
     std::vector<T> list(std::string_view key, const std::vector<T>* fallback, std::string_view expected,
                         const Count& count, const Read& read) const;
@@ -201,7 +215,8 @@ private:
 };
 
 /// Of `known`, the name most like `name` (at most a third of its letters differ).
-[[nodiscard]] std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known);
+[[nodiscard]] std::optional<std::string> nearest_name(std::string_view name,
+                                                      std::span<const std::string> known);
 
 /// `text` on one line: control characters become "?"; more than `limit` bytes are cut with "…".
 [[nodiscard]] std::string one_line(std::string_view text, std::size_t limit = 400);

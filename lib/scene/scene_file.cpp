@@ -13,8 +13,8 @@ namespace pellucid {
 namespace {
 
 constexpr std::int64_t kMaxSide = 65536;
-constexpr std::int64_t kMaxPixels = std::int64_t{1} << 31;   // pixel indices are 32-bit in every backend
-constexpr std::int64_t kMaxVoxels = std::int64_t{1} << 31;   // 8 GiB of float32
+constexpr std::int64_t kMaxPixels = std::int64_t{1} << 31;  // pixel indices are 32-bit in every backend
+constexpr std::int64_t kMaxVoxels = std::int64_t{1} << 31;  // 8 GiB of float32
 // Sines below this count as parallel: with less, fewer than half the digits of a cross product are left.
 constexpr double kMinSine = 1e-8;
 const Range kUnit = within(0, 1);
@@ -24,16 +24,20 @@ bool parallel_or_zero(const Vec3& a, const Vec3& b) {
     return !(length(cross(a, b)) > kMinSine * lengths) || !std::isfinite(lengths);
 }
 
-bool zero_or_huge(const Vec3& v) { return !(length(v) > 0) || !std::isfinite(length(v)); }
+bool zero_or_huge(const Vec3& v) {
+    return !(length(v) > 0) || !std::isfinite(length(v));
+}
 
 // ---- image, camera, lights
 
 ImageSettings read_image(const ConfigTable& root) {
     const ConfigTable table = root.table("image");
-    if (!table.present()) throw root.error("image", "is missing, expected a table [image] with resolution = [width, height]");
+    if (!table.present())
+        throw root.error("image", "is missing, expected a table [image] with resolution = [width, height]");
     const auto sides = table.integers("resolution", kRequired, {1, kMaxSide}, exactly(2));
     if (sides[0] * sides[1] > kMaxPixels)
-        throw table.error("resolution", fmt::format("= [{}, {}], expected at most {} pixels", sides[0], sides[1], kMaxPixels));
+        throw table.error("resolution", fmt::format("= [{}, {}], expected at most {} pixels", sides[0],
+                                                    sides[1], kMaxPixels));
     return {.width = static_cast<int>(sides[0]),
             .height = static_cast<int>(sides[1]),
             .background = table.vec3("background", Vec3(0.0), kUnit)};
@@ -55,7 +59,8 @@ CameraSettings read_camera(const ConfigTable& root) {
     camera.far = table.number_if("far", above(0));
 
     const Vec3 view = camera.target - camera.position;
-    if (zero_or_huge(view)) throw table.error("position", "is the target, expected two places a finite way apart");
+    if (zero_or_huge(view))
+        throw table.error("position", "is the target, expected two places a finite way apart");
     if (zero_or_huge(camera.up)) throw table.error("up", "has no length, expected a direction");
     if (parallel_or_zero(view, camera.up)) throw table.error("up", "is parallel to the view direction");
     if (camera.near && camera.far && !(*camera.near < *camera.far))
@@ -70,11 +75,13 @@ std::vector<Light> read_lights(const ConfigTable& root) {
         light.headlight = table.boolean("headlight", false);
         light.intensity = table.number("intensity", 1.0, at_least(0));
         if (light.headlight == table.has("direction"))
-            throw table.error("", light.headlight ? "has headlight = true and a direction, expected one of them"
-                                                  : "has no direction, expected one, or headlight = true");
+            throw table.error("", light.headlight
+                                      ? "has headlight = true and a direction, expected one of them"
+                                      : "has no direction, expected one, or headlight = true");
         if (!light.headlight) {
             const Vec3 direction = table.vec3("direction", kRequired);
-            if (zero_or_huge(direction)) throw table.error("direction", "has no length, expected a direction");
+            if (zero_or_huge(direction))
+                throw table.error("direction", "has no length, expected a direction");
             light.direction = normalize(direction);
         }
         lights.push_back(light);
@@ -91,8 +98,8 @@ Box read_bounds(const ConfigTable& table) {
     for (int axis = 0; axis < 3; ++axis) {
         const auto i = static_cast<std::size_t>(axis);
         if (!(corners[0][i] < corners[1][i]))
-            throw table.error("bounds", fmt::format("are inside out: {} = {} … {}, expected low < high", "xyz"[i],
-                                                    corners[0][i], corners[1][i]));
+            throw table.error("bounds", fmt::format("are inside out: {} = {} … {}, expected low < high",
+                                                    "xyz"[i], corners[0][i], corners[1][i]));
         box.lo[axis] = corners[0][i];
         box.hi[axis] = corners[1][i];
     }
@@ -104,11 +111,13 @@ std::vector<TransferPoint> read_transfer(const ConfigTable& table) {
     for (const std::vector<double>& row : table.rows("transfer", 5)) {
         for (std::size_t i = 1; i < 5; ++i)
             if (!kUnit.contains(row[i]))
-                throw table.error("transfer", fmt::format("at value {} has {} = {}, expected [0, 1]", row[0],
-                                                          std::array{"red", "green", "blue", "opacity"}[i - 1], row[i]));
+                throw table.error("transfer",
+                                  fmt::format("at value {} has {} = {}, expected [0, 1]", row[0],
+                                              std::array{"red", "green", "blue", "opacity"}[i - 1], row[i]));
         if (!points.empty() && row[0] < points.back()[0])
-            throw table.error("transfer", fmt::format("values fall from {} to {}, expected them in rising order",
-                                                      points.back()[0], row[0]));
+            throw table.error("transfer",
+                              fmt::format("values fall from {} to {}, expected them in rising order",
+                                          points.back()[0], row[0]));
         points.push_back({row[0], row[1], row[2], row[3], row[4]});
     }
     return points;
@@ -169,11 +178,13 @@ Affine read_placement(const ConfigTable& table) {
         const std::vector<double> m = table.numbers("matrix", kRequired, {}, exactly(16));
         for (std::size_t row = 0; row < 3; ++row) {
             const auto r = static_cast<int>(row);
-            for (std::size_t column = 0; column < 3; ++column) map.linear[static_cast<int>(column)][r] = m[4 * row + column];
+            for (std::size_t column = 0; column < 3; ++column)
+                map.linear[static_cast<int>(column)][r] = m[4 * row + column];
             map.offset[r] = m[4 * row + 3];
         }
         if (m[12] != 0 || m[13] != 0 || m[14] != 0 || m[15] != 1)
-            throw table.error("matrix", fmt::format("has the last row {} {} {} {}, expected 0 0 0 1", m[12], m[13], m[14], m[15]));
+            throw table.error("matrix", fmt::format("has the last row {} {} {} {}, expected 0 0 0 1", m[12],
+                                                    m[13], m[14], m[15]));
         if (!invertible(map)) throw table.error("matrix", "is singular, expected an invertible one");
         return map;
     }
@@ -185,14 +196,16 @@ Affine read_placement(const ConfigTable& table) {
     Mat3 scaling(1.0);
     for (int axis = 0; axis < 3; ++axis) scaling[axis][axis] = scale[axis];
     map.linear = rotation(2, degrees.z) * rotation(1, degrees.y) * rotation(0, degrees.x) * scaling;
-    if (!invertible(map)) throw table.error("scale", "makes a singular matrix, expected numbers other than 0");
+    if (!invertible(map))
+        throw table.error("scale", "makes a singular matrix, expected numbers other than 0");
     return map;
 }
 
 std::vector<ClipPlane> read_clip(const ConfigTable& table) {
     std::vector<ClipPlane> planes;
     for (const ConfigTable& entry : table.tables("clip")) {
-        const ClipPlane plane{.normal = entry.vec3("normal", kRequired), .offset = entry.number("offset", 0.0)};
+        const ClipPlane plane{.normal = entry.vec3("normal", kRequired),
+                              .offset = entry.number("offset", 0.0)};
         if (zero_or_huge(plane.normal)) throw entry.error("normal", "has no length, expected a direction");
         planes.push_back(plane);
     }
@@ -217,16 +230,18 @@ void read_frame(const ConfigTable& table, Vec3& center, Vec3& u, Vec3& v) {
     if (parallel_or_zero(u, v)) throw table.error("v", "is parallel to u, expected two edges of a rectangle");
 }
 
-constexpr std::array kShapeKeys{"implicit", "expression", "isosurface", "mesh", "points", "rectangle", "slice"};
+constexpr std::array kShapeKeys{"implicit", "expression", "isosurface", "mesh",
+                                "points",   "rectangle",  "slice"};
 
 Shape read_shape(const ConfigTable& table) {
     std::vector<std::string> found;
     for (const char* key : kShapeKeys)
         if (table.has(key)) found.emplace_back(key);
     if (found.size() != 1)
-        throw table.error("", fmt::format("has {}, expected exactly one of {}",
-                                          found.empty() ? "no shape" : fmt::format("{}", fmt::join(found, " and ")),
-                                          fmt::join(kShapeKeys, ", ")));
+        throw table.error(
+            "", fmt::format("has {}, expected exactly one of {}",
+                            found.empty() ? "no shape" : fmt::format("{}", fmt::join(found, " and ")),
+                            fmt::join(kShapeKeys, ", ")));
     const std::string& kind = found.front();
     if (kind != "implicit" && table.has("parameters"))
         throw table.error("parameters", fmt::format("belong to implicit, not to {}", kind));
@@ -236,7 +251,8 @@ Shape read_shape(const ConfigTable& table) {
         if (value.empty()) throw table.error(key, "is empty");
         return value;
     };
-    if (kind == "implicit") return ImplicitShape{.name = text("implicit"), .parameters = table.number_map("parameters")};
+    if (kind == "implicit")
+        return ImplicitShape{.name = text("implicit"), .parameters = table.number_map("parameters")};
     if (kind == "expression") return ExpressionShape{.text = text("expression")};
     if (kind == "mesh") return MeshShape{.file = table.file("mesh")};
     if (kind == "points") return PointsShape{.file = table.file("points")};
@@ -283,8 +299,9 @@ Surface read_surface(const ConfigTable& table, std::size_t index) {
         throw table.error("bounds", "are missing, an expression needs them: [[x0, y0, z0], [x1, y1, z1]]");
     surface.color = table.vec3("color", surface.color, kUnit);
     surface.opacity = table.number("opacity", surface.opacity, kUnit);
-    surface.opacity_law = table.choice<OpacityLaw>(
-        "opacity_law", OpacityLaw::constant, {{"constant", OpacityLaw::constant}, {"oblique", OpacityLaw::oblique}});
+    surface.opacity_law =
+        table.choice<OpacityLaw>("opacity_law", OpacityLaw::constant,
+                                 {{"constant", OpacityLaw::constant}, {"oblique", OpacityLaw::oblique}});
     surface.shading = read_shading(table, surface.shading);
     if (table.has("thickness") && table.kind("thickness") != ValueKind::string)
         surface.thickness = table.number("thickness", kRequired, at_least(0));
@@ -313,7 +330,8 @@ Volume read_volume_table(const ConfigTable& table, std::size_t index) {
         formula.text = table.text("expression", kRequired);
         if (formula.text.empty()) throw table.error("expression", "is empty");
         if (!table.has("bounds"))
-            throw table.error("bounds", "are missing, an expression needs them: [[x0, y0, z0], [x1, y1, z1]]");
+            throw table.error("bounds",
+                              "are missing, an expression needs them: [[x0, y0, z0], [x1, y1, z1]]");
         formula.bounds = read_bounds(table);
         // At least two samples an axis: both ends of the bounds are sampled.
         const IntegerRange samples{2, kMaxSide};
@@ -321,7 +339,8 @@ Volume read_volume_table(const ConfigTable& table, std::size_t index) {
                                ? table.integers("resolution", kRequired, samples, exactly(3))
                                : std::vector(3, table.integer("resolution", kRequired, samples));
         if (sizes[0] * sizes[1] * sizes[2] > kMaxVoxels)
-            throw table.error("resolution", fmt::format("= [{}], expected at most {} voxels", fmt::join(sizes, ", "), kMaxVoxels));
+            throw table.error("resolution", fmt::format("= [{}], expected at most {} voxels",
+                                                        fmt::join(sizes, ", "), kMaxVoxels));
         for (std::size_t i = 0; i < 3; ++i) formula.resolution[i] = static_cast<int>(sizes[i]);
         volume.source = std::move(formula);
     }
@@ -352,7 +371,8 @@ Scene scene_from_config(const Config& config) {
 
     std::set<std::string> names;
     const auto claim = [&names](const ConfigTable& table, const std::string& name) {
-        if (!names.insert(name).second) throw table.error("name", fmt::format("= \"{}\" is taken by another object", one_line(name, 60)));
+        if (!names.insert(name).second)
+            throw table.error("name", fmt::format("= \"{}\" is taken by another object", one_line(name, 60)));
     };
     for (const ConfigTable& table : root.tables("surface")) {
         scene.surfaces.push_back(read_surface(table, scene.surfaces.size()));

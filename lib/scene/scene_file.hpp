@@ -17,7 +17,8 @@ namespace pellucid {
 
 /// Reads a scene file, `overrides` ("camera.position=[0,0,3]") laid over it. Throws Error(input):
 /// one line that names file and line (or the override), object, key, value and expectation.
-[[nodiscard]] Scene load_scene(const std::filesystem::path& file, std::span<const std::string> overrides = {});
+[[nodiscard]] Scene load_scene(const std::filesystem::path& file,
+                               std::span<const std::string> overrides = {});
 
 /// The scene of an open document. Keys beside image, camera, light, surface and volume are left to
 /// the caller, who must call `config.finish()` when all is read.
