@@ -32,8 +32,8 @@ struct CameraSettings {
     Vec3 up{0, 1, 0};
     double fov_degrees = 30;   // vertical, perspective only
     double view_height = 2;    // orthographic only
-    std::optional<double> near;  // along the view axis; from the scene when absent
-    std::optional<double> far;
+    std::optional<double> near = {};  // along the view axis; from the scene when absent
+    std::optional<double> far = {};
 };
 
 struct Light {
