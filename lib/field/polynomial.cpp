@@ -18,31 +18,24 @@ namespace {
     return d;
 }
 
-/// The one sign change of p in [lo, hi]: false position with halving (Illinois), and a bisection
-/// whenever that shrinks the bracket by less than half. Ends when no double lies between.
+/// The one sign change of p in [lo, hi]: Newton from the secant's guess, halving where it leaves the
+/// bracket or does not shrink its step. Ends when a step is below the spacing of doubles in [½, 1].
 [[nodiscard]] double refine(const Bernstein& p, double lo, double hi, double p_lo, double p_hi) {
     const bool rising = !positive(p_lo);
+    const Bernstein slope = derivative(p);
+    double t = lo - p_lo * ((hi - lo) / (p_hi - p_lo));
+    double last_step = hi - lo;
     for (int step = 0; step < 200; ++step) {
-        const double before = hi - lo;
-        double t = lo - p_lo * ((hi - lo) / (p_hi - p_lo));
-        for (int half = 0; half < 2; ++half) {
-            if (!(t > lo && t < hi)) t = lo + 0.5 * (hi - lo);
-            if (!(t > lo && t < hi)) return hi;
-            const double value = p(t);
-            if (value == 0 && rising) return t;
-            if (positive(value) == rising) {
-                hi = t;
-                p_hi = value;
-            } else {
-                lo = t;
-                p_lo = value;
-            }
-            if (hi - lo <= 0x1p-53) return lo + 0.5 * (hi - lo);
-            if (hi - lo <= 0.5 * before) break;
-            t = lo + 0.5 * (hi - lo);
-        }
+        if (!(t > lo && t < hi)) t = lo + 0.5 * (hi - lo);
+        const double value = p(t);
+        (positive(value) == rising ? hi : lo) = t;
+        double next = t - value / slope(t);
+        if (!(next >= lo && next <= hi) || std::abs(next - t) > 0.5 * last_step) next = lo + 0.5 * (hi - lo);
+        last_step = std::abs(next - t);
+        t = next;
+        if (last_step <= 0x1p-53) break;
     }
-    return lo + 0.5 * (hi - lo);
+    return t;
 }
 
 }  // namespace

@@ -13,6 +13,8 @@ constexpr double kMostAreaRatio = 4;
 /// A piece that reaches out of view is cut while it spans more virtual pixels than this.
 constexpr double kMostPixelsOutside = 1024;
 constexpr int kMostCuts = 40;
+/// Pieces a block: with their table and eight voxels each they fit into a level-2 cache.
+constexpr std::size_t kBlockPieces = 4096;
 
 /// (cos, sin) of 2πu by + − × only: std::sin may differ between instruction sets in the last bit.
 [[nodiscard]] Vec2 unit_circle(double u) {
@@ -83,7 +85,7 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
     for (std::size_t patch = 0; patch < patches; ++patch)
         add_pieces(static_cast<std::uint32_t>(patch), object.geometry->body(patch), 0, weights);
     for (const double w : weights) virtual_pixels_ += w;
-    if (virtual_pixels_ > 0) build_alias_table(weights);
+    if (virtual_pixels_ > 0) build_blocks(weights);
 }
 
 /// Adds one body, whole or in parts, whichever needs fewer trials; returns its virtual pixels.
@@ -93,7 +95,8 @@ double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth,
     const auto area = camera_->pixel_area_range(corners.data(), count);
     if (!area) return 0;
     if (!body.flat() && object_->geometry->excludes(patch, body)) return 0;
-    const double whole = object_->geometry->max_crossings() * body.crofton_area() / area->least;
+    const std::optional<double> own = depth == 0 ? object_->geometry->throw_area(patch) : std::nullopt;
+    const double whole = own.value_or(object_->geometry->max_crossings() * body.crofton_area()) / area->least;
     if (!(whole > 0)) return 0;  // a body without extent
 
     const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
@@ -120,38 +123,33 @@ double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth,
     return whole;
 }
 
-void LineSampler::build_alias_table(const std::vector<double>& weights) {
-    // Vose 1991: every column holds its own piece up to `share`, and one other above.
-    const std::size_t n = weights.size();
-    alias_share_.assign(n, 1);
-    alias_other_.assign(n, 0);
-    std::vector<double> scaled(n);
-    std::vector<std::uint32_t> small;
-    std::vector<std::uint32_t> large;
-    for (std::size_t i = 0; i < n; ++i) {
-        scaled[i] = weights[i] * static_cast<double>(n) / virtual_pixels_;
-        (scaled[i] < 1 ? small : large).push_back(static_cast<std::uint32_t>(i));
+void LineSampler::build_blocks(std::span<const double> weights) {
+    std::vector<double> sums;
+    for (std::size_t first = 0; first < weights.size(); first += kBlockPieces) {
+        const auto block = weights.subspan(first, std::min(kBlockPieces, weights.size() - first));
+        double sum = 0;
+        for (const double w : block) sum += w;
+        sums.push_back(sum);
+        blocks_.push_back({first, sum, AliasTable(block)});
     }
-    while (!small.empty() && !large.empty()) {
-        const std::uint32_t s = small.back();
-        const std::uint32_t l = large.back();
-        small.pop_back();
-        alias_share_[s] = scaled[s];
-        alias_other_[s] = l;
-        scaled[l] -= 1 - scaled[s];
-        if (scaled[l] < 1) {
-            large.pop_back();
-            small.push_back(l);
-        }
-    }
+    block_table_ = AliasTable(sums);
 }
 
-const LineSampler::Piece& LineSampler::pick_piece(std::uint64_t bits) const {
-    // The high bits choose the column, what is left of them the side.
-    const double place = static_cast<double>(bits >> 11U) * 0x1p-53 * static_cast<double>(pieces_.size());
-    const std::size_t column = std::min(static_cast<std::size_t>(place), pieces_.size() - 1);
-    const double side = place - static_cast<double>(column);
-    return pieces_[side < alias_share_[column] ? column : alias_other_[column]];
+struct LineSampler::Bits {
+    Bits(Seed seed, std::uint32_t object, std::uint32_t repeat, std::uint64_t index)
+        : first(random_bits(seed, {.object = object, .repeat = repeat, .index = index, .block = 0})),
+          second(random_bits(seed, {.object = object, .repeat = repeat, .index = index, .block = 1})) {}
+
+    /// Which piece: 53 bits.
+    [[nodiscard]] double pick() const {
+        return static_cast<double>(((static_cast<std::uint64_t>(second[0]) << 32U) | second[1]) >> 11U) * 0x1p-53;
+    }
+    std::array<std::uint32_t, 4> first, second;
+};
+
+const LineSampler::Piece& LineSampler::pick_piece(const Bits& bits) const {
+    const AliasTable::Pick block = block_table_.pick(bits.pick());
+    return pieces_[blocks_[block.index].first_piece + blocks_[block.index].pieces.pick(block.rest).index];
 }
 
 int LineSampler::shoot(const Piece& piece, const std::array<std::uint32_t, 4>& bits, std::uint32_t more_bits,
@@ -196,8 +194,8 @@ int LineSampler::shoot(const Piece& piece, const std::array<std::uint32_t, 4>& b
     return object_->geometry->crossings(piece.patch, {origin, direction, 0, t_hi}, hits);
 }
 
-std::optional<LineSampler::Point> LineSampler::keep(const Piece& piece, const Vec3& world, const Vec3& normal,
-                                                    double chance) const {
+std::optional<LineSampler::Point> LineSampler::keep(const Piece& piece, const SurfacePoint& at, double chance) const {
+    const auto& [world, normal] = at;
     const Vec3 view = camera_->to_view(world);
     if (!(view.z >= camera_->near() && view.z <= camera_->far())) return std::nullopt;
     const double area = camera_->pixel_area(view);
@@ -214,11 +212,14 @@ std::optional<LineSampler::Point> LineSampler::keep(const Piece& piece, const Ve
     return Point{view, camera_->view_vector(object_->geometry->shading_normal(piece.patch, world, normal))};
 }
 
-std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const {
-    const auto first = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 0});
-    const auto second = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 1});
-    const Piece& piece = pick_piece((static_cast<std::uint64_t>(second[0]) << 32U) | second[1]);
-
+std::optional<LineSampler::Point> LineSampler::trial_on(const Piece& piece, const Bits& bits) const {
+    const auto& [first, second] = bits;
+    const double chance = unit_interval(second[3]);
+    if (throws_itself(piece)) {
+        const auto point = object_->geometry->throw_point(piece.patch, {unit_interval(first[0]), unit_interval(first[1]),
+                                                                        unit_interval(first[2]), unit_interval(first[3])});
+        return point ? keep(piece, *point, chance) : std::nullopt;
+    }
     std::array<Crossing, kMaxCrossings> hits;
     Vec3 origin, direction(0.0);
     // One word serves two choices: its high part the crossing, what is left of it the face.
@@ -227,22 +228,34 @@ std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t re
     const auto j = static_cast<int>(choices >> 32U);
     if (j >= found) return std::nullopt;
     const Crossing& hit = hits[static_cast<std::size_t>(j)];
-    return keep(piece, origin + hit.t * direction, hit.normal, unit_interval(second[3]));
+    return keep(piece, {origin + hit.t * direction, hit.normal}, chance);
+}
+
+std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const {
+    const Bits bits(seed, object_id_, repeat, index);
+    return trial_on(pick_piece(bits), bits);
+}
+
+std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
+                                                              std::uint32_t index) const {
+    const Bits bits(seed, object_id_, repeat, (static_cast<std::uint64_t>(block) << 32U) | index);
+    const Block& b = blocks_[block];
+    return trial_on(pieces_[b.first_piece + b.pieces.pick(bits.pick()).index], bits);
 }
 
 int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
                                    std::span<Point, kMaxCrossings> out) const {
-    const auto first = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 0});
-    const auto second = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 1});
+    const Bits bits(seed, object_id_, repeat, index);
     const auto third = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
-    const Piece& piece = pick_piece((static_cast<std::uint64_t>(second[0]) << 32U) | second[1]);
+    const Piece& piece = pick_piece(bits);
+    assert(!throws_itself(piece));
     std::array<Crossing, kMaxCrossings> hits;
     Vec3 origin, direction(0.0);
-    const int found = shoot(piece, first, second[2], hits, origin, direction);
+    const int found = shoot(piece, bits.first, bits.second[2], hits, origin, direction);
     int kept = 0;
     for (int i = 0; i < found; ++i) {
         const Crossing& hit = hits[static_cast<std::size_t>(i)];
-        const auto point = keep(piece, origin + hit.t * direction, hit.normal,
+        const auto point = keep(piece, {origin + hit.t * direction, hit.normal},
                                 unit_interval(third[static_cast<std::size_t>(i)]));
         if (point) out[static_cast<std::size_t>(kept++)] = *point;
     }
@@ -250,8 +263,10 @@ int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_
 }
 
 std::size_t LineSampler::bytes() const {
-    return pieces_.capacity() * sizeof(Piece) + parts_.capacity() * sizeof(Body) +
-           alias_share_.capacity() * sizeof(double) + alias_other_.capacity() * sizeof(std::uint32_t);
+    std::size_t sum = pieces_.capacity() * sizeof(Piece) + parts_.capacity() * sizeof(Body) +
+                      blocks_.capacity() * sizeof(Block) + block_table_.bytes();
+    for (const Block& block : blocks_) sum += block.pieces.bytes();
+    return sum;
 }
 
 }  // namespace pellucid

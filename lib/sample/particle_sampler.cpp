@@ -14,16 +14,15 @@ namespace {
     return std::min(sampler.object().surface.opacity, kMostParticleOpacity);
 }
 
-[[nodiscard]] std::uint64_t draw_trials(const LineSampler& sampler, const SamplerSettings& settings,
-                                        std::uint32_t repeat) {
-    const double mean = mean_trials(sampler, settings.trials);
-    if (!(mean > 0)) return 0;
-    RandomStream random(settings.seed, {.object = static_cast<std::uint32_t>(Purpose::particle_count),
-                                        .repeat = repeat,
-                                        .index = sampler.object_id()});
-    if (settings.trials == TrialLaw::poisson) return std::poisson_distribution<std::uint64_t>(mean)(random);
+/// The stream for the numbers of trials of one object in one repeat.
+[[nodiscard]] RandomStream count_stream(const LineSampler& sampler, const SamplerSettings& settings, std::uint32_t repeat) {
+    return {settings.seed, {.object = static_cast<std::uint32_t>(Purpose::particle_count),
+                            .repeat = repeat,
+                            .index = static_cast<std::uint64_t>(sampler.object_id()) << 24U}};
+}
 
-    // floor(mean) trials and one more with probability p such that (1−q)^fraction = 1 − p q, q = 1/V.
+/// floor(mean) trials and one more with probability p such that (1−q)^fraction = 1 − p q, q = 1/V.
+[[nodiscard]] std::uint64_t fixed_trials(const LineSampler& sampler, double mean, RandomStream& random) {
     const double whole = std::floor(mean);
     const double q = 1 / sampler.virtual_pixels();
     const double one_more = -std::expm1((mean - whole) * std::log1p(-q)) / q;
@@ -51,18 +50,34 @@ public:
 
 private:
     void add_trials(const LineSampler& sampler) {
-        std::uint64_t trials = draw_trials(sampler, settings_, repeat_);
+        const double mean = mean_trials(sampler, settings_.trials);
+        if (!(mean > 0)) return;
+        RandomStream random = count_stream(sampler, settings_, repeat_);
         if (settings_.keep_all_crossings) {
-            trials /= static_cast<std::uint64_t>(sampler.max_crossings());
-            for (std::uint64_t i = 0; i < trials; ++i) {
-                std::array<LineSampler::Point, kMaxCrossings> points;
-                const int found = sampler.trial_keeping_all(settings_.seed, repeat_, i, points);
-                for (int k = 0; k < found; ++k) push(points[static_cast<std::size_t>(k)]);
+            const double lines = mean / sampler.max_crossings();
+            add_all_crossings(sampler, std::poisson_distribution<std::uint64_t>(lines)(random));
+        } else if (settings_.trials == TrialLaw::poisson) {
+            // A Poisson number in every block is a Poisson number in all.
+            for (std::size_t block = 0; block < sampler.block_count(); ++block) {
+                const double share = sampler.block_virtual_pixels(block) / sampler.virtual_pixels();
+                const std::uint64_t trials = std::poisson_distribution<std::uint64_t>(mean * share)(random);
+                if (trials > 0xffffffffU) throw run_error("more than 2^32 trials in one repeat: lower opacity or resolution");
+                for (std::uint32_t i = 0; i < trials; ++i)
+                    if (const auto point = sampler.trial_in_block(block, settings_.seed, repeat_, i)) push(*point);
             }
-            return;
+        } else {
+            const std::uint64_t trials = fixed_trials(sampler, mean, random);
+            for (std::uint64_t i = 0; i < trials; ++i)
+                if (const auto point = sampler.trial(settings_.seed, repeat_, i)) push(*point);
         }
-        for (std::uint64_t i = 0; i < trials; ++i)
-            if (const auto point = sampler.trial(settings_.seed, repeat_, i)) push(*point);
+    }
+
+    void add_all_crossings(const LineSampler& sampler, std::uint64_t lines) {
+        for (std::uint64_t i = 0; i < lines; ++i) {
+            std::array<LineSampler::Point, kMaxCrossings> points;
+            const int found = sampler.trial_keeping_all(settings_.seed, repeat_, i, points);
+            for (int k = 0; k < found; ++k) push(points[static_cast<std::size_t>(k)]);
+        }
     }
 
     void add_exactly(const LineSampler& sampler, std::uint64_t count) {

@@ -8,8 +8,10 @@
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 
 #include "core/vec.hpp"
@@ -41,6 +43,11 @@ struct Crossing {
 
 inline constexpr int kMaxCrossings = 4;
 
+struct SurfacePoint {
+    Vec3 point{0.0};
+    Vec3 normal{0.0};  // geometric, world; not normalised, never zero
+};
+
 /// origin + t·direction for t in [t_lo, t_hi], in world space.
 struct Line {
     Vec3 origin;
@@ -58,6 +65,11 @@ public:
     [[nodiscard]] virtual int max_crossings() const = 0;
     /// Every crossing of a line with the part of the surface in the patch's body, ascending in t.
     virtual int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const = 0;
+    /// Patches that know a better way than random lines to throw uniform points: the area that `throw_point`
+    /// throws at. A throw falls on the area element dA of the patch with probability dA/throw_area.
+    [[nodiscard]] virtual std::optional<double> throw_area(std::size_t) const { return std::nullopt; }
+    /// One throw from four independent numbers in (0, 1), or none. Precondition: throw_area has a value.
+    [[nodiscard]] virtual std::optional<SurfacePoint> throw_point(std::size_t patch, const std::array<double, 4>& u) const;
     /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.
     [[nodiscard]] virtual bool excludes(std::size_t patch, const Body& part) const;
     /// Normal for shading at a point of the patch, world, not normalised.
