@@ -1,8 +1,8 @@
 // How fast is each stage, beside a bare probe of what this machine gives?
 // tools/speed.sh -> results/speed/speed.json, speed.csv, speed.md
 //
-// Names are stage/what: `probe` is the bare loop, all others are Pellucid. Run with
-// --benchmark_enable_random_interleaving=true and at least 5 repetitions: only ratios of medians mean something.
+// Names are stage/what: `probe` is the bare loop, all others are Pellucid. Only ratios of medians mean
+// something: run with --benchmark_enable_random_interleaving=true and at least 5 repetitions.
 // `--memory` instead draws once in this process and prints what it held as JSON.
 #include <atomic>
 #include <cstring>
@@ -32,7 +32,9 @@ constexpr std::uint32_t kRepeats = 500;
     return {static_cast<double>(count), benchmark::Counter::kIsRate};
 }
 
-[[nodiscard]] std::uint64_t done(const benchmark::State& state) { return static_cast<std::uint64_t>(state.iterations()); }
+[[nodiscard]] std::uint64_t done(const benchmark::State& state) {
+    return static_cast<std::uint64_t>(state.iterations());
+}
 
 // ---- Drawing ----------------------------------------------------------------------------------
 
@@ -50,7 +52,8 @@ struct Drawing {
     const SamplerSettings settings{.seed = {}, .exact_count = total / kRepeats / samplers.size()};
     ParticleSet particles = sample_particles(scene, samplers, settings, 0, kSampled);
     particles.repeats.reserve(kRepeats);
-    for (std::size_t i = kSampled; i < kRepeats; ++i) particles.repeats.push_back(particles.repeats[i % kSampled]);
+    for (std::size_t i = kSampled; i < kRepeats; ++i)
+        particles.repeats.push_back(particles.repeats[i % kSampled]);
     return {std::move(scene), std::move(particles)};
 }
 
@@ -226,11 +229,13 @@ void print_memory() {
     const std::uint64_t drawn = peak_rss_bytes();
     const std::uint64_t winner_frame = sums.pixels.size() * (sizeof(std::uint64_t) + sizeof(std::uint32_t));
     const std::uint64_t sums_frame = sums.pixels.size() * sizeof(EnsembleSums::Pixel);
-    const std::uint64_t budget = sizeof(Particle) * particles.count() + kThreads * (winner_frame + sums_frame) + sums_frame;
-    fmt::print("{{\"threads\": {}, \"particles\": {}, \"particle_set_bytes\": {}, \"winner_frame_bytes\": {}, "
-               "\"sums_frame_bytes\": {}, \"rss_before_bytes\": {}, \"rss_sampled_bytes\": {}, "
-               "\"rss_drawn_bytes\": {}, \"budget_bytes\": {}}}\n",
-               kThreads, particles.count(), particles.bytes(), winner_frame, sums_frame, before, sampled, drawn, budget);
+    const std::uint64_t budget =
+        sizeof(Particle) * particles.count() + kThreads * (winner_frame + sums_frame) + sums_frame;
+    fmt::print("{{\"threads\": {}, \"particles\": {}, \"particle_set_bytes\": {}, "
+               "\"winner_frame_bytes\": {}, \"sums_frame_bytes\": {}, \"rss_before_bytes\": {}, "
+               "\"rss_sampled_bytes\": {}, \"rss_drawn_bytes\": {}, \"budget_bytes\": {}}}\n",
+               kThreads, particles.count(), particles.bytes(), winner_frame, sums_frame, before, sampled,
+               drawn, budget);
 }
 
 }  // namespace

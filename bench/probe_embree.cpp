@@ -33,8 +33,8 @@ void collect(const RTCFilterFunctionNArguments* args) {
         args->valid[i] = 0;
         const unsigned lane = RTCRayN_id(args->ray, n, i);
         if (gather.count[lane] == kMostHits) continue;
-        gather.hits[lane][gather.count[lane]++] = {RTCRayN_tfar(args->ray, n, i), RTCHitN_geomID(args->hit, n, i),
-                                                   RTCHitN_primID(args->hit, n, i)};
+        gather.hits[lane][gather.count[lane]++] = {
+            RTCRayN_tfar(args->ray, n, i), RTCHitN_geomID(args->hit, n, i), RTCHitN_primID(args->hit, n, i)};
     }
 }
 
@@ -49,13 +49,17 @@ struct EmbreeProbe::Embree {
     }
 };
 
-EmbreeProbe::EmbreeProbe(const TriangleMesh& mesh, const View& view) : embree_(std::make_unique<Embree>()), view_(view) {
+EmbreeProbe::EmbreeProbe(const TriangleMesh& mesh, const View& view)
+    : embree_(std::make_unique<Embree>()), view_(view) {
     const Embree& e = *embree_;
     RTCGeometry geometry = rtcNewGeometry(e.device, RTC_GEOMETRY_TYPE_TRIANGLE);
-    auto* vertex = static_cast<float*>(rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
-                                                               3 * sizeof(float), mesh.positions.size()));
-    auto* index = static_cast<std::uint32_t*>(rtcSetNewGeometryBuffer(
-        geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t), mesh.triangles.size()));
+    const auto buffer = [&](RTCBufferType type, RTCFormat format, std::size_t count) {
+        return rtcSetNewGeometryBuffer(geometry, type, 0, format, 3 * sizeof(float), count);
+    };
+    auto* vertex =
+        static_cast<float*>(buffer(RTC_BUFFER_TYPE_VERTEX, RTC_FORMAT_FLOAT3, mesh.positions.size()));
+    auto* index =
+        static_cast<std::uint32_t*>(buffer(RTC_BUFFER_TYPE_INDEX, RTC_FORMAT_UINT3, mesh.triangles.size()));
     for (const Vec3& p : mesh.positions)
         for (int axis = 0; axis < 3; ++axis) *vertex++ = static_cast<float>(p[axis]);
     for (const auto& t : mesh.triangles) index = std::copy(t.begin(), t.end(), index);

@@ -23,7 +23,9 @@ constexpr int kSteps = 16;
     return x ^ (x >> 16U);
 }
 
-[[nodiscard]] inline float unit(std::uint32_t bits) { return static_cast<float>(static_cast<int>(bits >> 8U)) * 0x1p-24F; }
+[[nodiscard]] inline float unit(std::uint32_t bits) {
+    return static_cast<float>(static_cast<int>(bits >> 8U)) * 0x1p-24F;
+}
 
 /// sin(πx/2) for |x| <= 2, to 1e-4: enough for a probe, and without a call.
 [[nodiscard]] inline float quarter_sine(float x) {
@@ -81,8 +83,10 @@ struct Stored {
 void find_signs(const Lines& lines, std::uint32_t* signs) {
     for (std::size_t i = 0; i < kBatch; ++i) {
         std::uint32_t mask = 0;
-        for (int step = 0; step <= kSteps; ++step)
-            mask |= (value(lines, i, static_cast<float>(step) / kSteps) < 0 ? 1U : 0U) << static_cast<unsigned>(step);
+        for (int step = 0; step <= kSteps; ++step) {
+            const bool inside = value(lines, i, static_cast<float>(step) / kSteps) < 0;
+            mask |= (inside ? 1U : 0U) << static_cast<unsigned>(step);
+        }
         signs[i] = mask;
     }
 }
@@ -95,11 +99,13 @@ std::size_t cross_batch(std::uint32_t first, Lines& lines, Stored* out) {
     draw_lines(first, lines);
     find_signs(lines, signs);
     std::size_t found = 0;
-    for (std::size_t i = 0; i < kBatch; ++i)
-        for (std::uint32_t m = (signs[i] ^ (signs[i] >> 1U)) & ((1U << kSteps) - 1); m != 0 && found < 4 * kBatch; m &= m - 1) {
+    for (std::size_t i = 0; i < kBatch; ++i) {
+        std::uint32_t changes = (signs[i] ^ (signs[i] >> 1U)) & ((1U << kSteps) - 1);
+        for (; changes != 0 && found < 4 * kBatch; changes &= changes - 1) {
             line[found] = static_cast<std::uint32_t>(i);
-            root[found++] = static_cast<float>(__builtin_ctz(m)) / kSteps;
+            root[found++] = static_cast<float>(__builtin_ctz(changes)) / kSteps;
         }
+    }
     for (std::size_t k = 0; k < found; ++k) {
         const std::size_t i = line[k];
         float lo = root[k];
@@ -108,7 +114,8 @@ std::size_t cross_batch(std::uint32_t first, Lines& lines, Stored* out) {
         const bool rising = value(lines, i, lo) < 0;
         for (int step = 0; step < 3; ++step) {
             const float v = value(lines, i, s);
-            const float slope = lines.c[1][i] + s * (2 * lines.c[2][i] + s * (3 * lines.c[3][i] + s * 4 * lines.c[4][i]));
+            const float slope =
+                lines.c[1][i] + s * (2 * lines.c[2][i] + s * (3 * lines.c[3][i] + s * 4 * lines.c[4][i]));
             const bool before = (v < 0) == rising;
             lo = before ? s : lo;
             hi = before ? hi : s;

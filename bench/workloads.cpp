@@ -64,7 +64,7 @@ void add_wavy_sphere(double radius, int n, TriangleMesh& mesh) {
                 Vec3 p;
                 p[face / 2] = side;
                 p[(face / 2 + 1) % 3] = 2.0 * i / n - 1;
-                p[(face / 2 + 2) % 3] = side * (2.0 * j / n - 1);  // turned over, so that outside stays outside
+                p[(face / 2 + 2) % 3] = side * (2.0 * j / n - 1);  // turned over: outside stays outside
                 p = normalize(p);
                 const double wave = std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z);
                 mesh.positions.push_back(radius * (1 + 0.05 * wave) * p);
@@ -101,7 +101,8 @@ void write_wavy_volume(const std::filesystem::path& file, int n) {
         for (int j = 0; j < n; ++j)
             for (int i = 0; i < n; ++i) {
                 const Vec3 p = (Vec3(i, j, k) + 0.5) * (2.0 / n) - 1.0;
-                put(out, static_cast<float>(length(p) + 0.1 * std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z)));
+                const double wave = std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z);
+                put(out, static_cast<float>(length(p) + 0.1 * wave));
             }
     if (!out.flush()) throw run_error("{}: cannot be written", file.string());
 }
@@ -113,14 +114,17 @@ PreparedScene overlapping_surfaces() {
     scene.surfaces.push_back(glossy("torus", ImplicitShape{"torus", {}}));
     scene.surfaces.push_back(glossy("sphere", ImplicitShape{"sphere", {{"radius", 0.7}}}, {0.4, 0, 0.2}));
     scene.surfaces.push_back(glossy("ellipsoid", ImplicitShape{"ellipsoid", {}}, {-0.3, 0.2, 0}));
-    scene.surfaces.push_back(glossy("cylinder", ImplicitShape{"cylinder", {{"radius", 0.5}, {"height", 1.6}}}));
+    const ImplicitShape cylinder{"cylinder", {{"radius", 0.5}, {"height", 1.6}}};
+    scene.surfaces.push_back(glossy("cylinder", cylinder));
     return prepare(scene);
 }
 
 PreparedScene crossing_cards() {
     Scene scene = empty_scene(kImageSize, {0, 0, 4.5});
-    for (const double tilt : {-0.6, -0.2, 0.2, 0.6})
-        scene.surfaces.push_back(glossy("card", RectangleShape{.center = Vec3(0.0), .u = {1, 0, tilt}, .v = {0, 1, tilt}, .image = {}}));
+    for (const double tilt : {-0.6, -0.2, 0.2, 0.6}) {
+        const RectangleShape card{.center = Vec3(0.0), .u = {1, 0, tilt}, .v = {0, 1, tilt}, .image = {}};
+        scene.surfaces.push_back(glossy("card", card));
+    }
     return prepare(scene);
 }
 

@@ -47,7 +47,8 @@ struct Winner {
 };
 
 /// One particle after the other: the nearest, at equal depth the first.
-std::map<std::uint32_t, Winner> winners_one_by_one(std::span<const Particle> particles, const twin::Projection& projection,
+std::map<std::uint32_t, Winner> winners_one_by_one(std::span<const Particle> particles,
+                                                   const twin::Projection& projection,
                                                    std::vector<std::uint32_t>& first_hits) {
     std::map<std::uint32_t, Winner> winners;
     for (std::uint32_t i = 0; i < particles.size(); ++i) {

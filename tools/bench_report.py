@@ -101,7 +101,8 @@ def judge_memory(memory: dict) -> list[dict]:
     peak = memory["rss_drawn_bytes"] - memory["rss_before_bytes"]
     share = peak / memory["budget_bytes"]
     return [
-        {"ratio": "bytes a particle resident", "value": per_particle, "goal": "<= 16.1", "met": per_particle <= 16.1},
+        {"ratio": "bytes a particle resident", "value": per_particle, "goal": "<= 16.1",
+         "met": per_particle <= 16.1},
         {"ratio": "peak memory, of 16 B a particle + two frames a thread + result", "value": share,
          "goal": "<= 1.02", "met": share <= 1.02},
     ]
@@ -109,8 +110,9 @@ def judge_memory(memory: dict) -> list[dict]:
 
 def summary_of(table: pd.DataFrame) -> list[dict]:
     groups = table.groupby(["benchmark", "clock", "quantity", "unit"], sort=False).value
-    return [{"benchmark": b, "clock": c, "quantity": q, "unit": u, "repetitions": len(v), "median": v.median(),
-             "least": v.min(), "most": v.max(), "quartile_1": v.quantile(0.25), "quartile_3": v.quantile(0.75)}
+    return [{"benchmark": b, "clock": c, "quantity": q, "unit": u, "repetitions": len(v),
+             "median": v.median(), "least": v.min(), "most": v.max(),
+             "quartile_1": v.quantile(0.25), "quartile_3": v.quantile(0.75)}
             for (b, c, q, u), v in groups]
 
 
@@ -118,28 +120,32 @@ def markdown(summary: list[dict], ratios: list[dict], memory: dict, context: dic
     def million(row: dict, key: str) -> str:
         return f"{row[key] / 1e6:.3g}"
 
-    lines = [f"{context['cpu']}, {context['threads']} threads, load {context['load_avg'][0]:.1f}, {context['date']}, "
-             f"commit {context['commit']}, {context['compiler']}.", "",
+    lines = [f"{context['cpu']}, {context['threads']} threads, load {context['load_avg'][0]:.1f}, "
+             f"{context['date']}, commit {context['commit']}, {context['compiler']}.", "",
              "| stage | work | median (least … most), M/s | M a processor-second |", "|---|---|---|---|"]
     by_processor = {(r["benchmark"], r["quantity"]): r for r in summary if r["clock"] == "processor"}
     for row in summary:
         if row["clock"] != "wall" or row["quantity"] == "s":
             continue
         cpu = by_processor.get((row["benchmark"], row["quantity"]))
-        lines.append(f"| {row['benchmark']} | {row['quantity']} | {million(row, 'median')} ({million(row, 'least')} … "
-                     f"{million(row, 'most')}) | {million(cpu, 'median') if cpu else ''} |")
-    lines += ["", "| ratio of medians | wall (95 %) | processor time (95 %) | goal | |", "|---|---|---|---|---|"]
+        lines.append(f"| {row['benchmark']} | {row['quantity']} | {million(row, 'median')} "
+                     f"({million(row, 'least')} … {million(row, 'most')}) "
+                     f"| {million(cpu, 'median') if cpu else ''} |")
+    lines += ["", "| ratio of medians | wall (95 %) | processor time (95 %) | goal | |",
+              "|---|---|---|---|---|"]
     for r in ratios:
         def interval(clock: str) -> str:
-            return f"{r[clock]['value']:.3g} ({r[clock]['low']:.3g} … {r[clock]['high']:.3g})" if clock in r else ""
+            if clock not in r:
+                return ""
+            return f"{r[clock]['value']:.3g} ({r[clock]['low']:.3g} … {r[clock]['high']:.3g})"
         wall = f"{r['value']:.4g}" if "value" in r else interval("wall")
         met = {True: "met", False: "**missed**", None: ""}[r.get("met")]
         lines.append(f"| {r['ratio']} | {wall} | {interval('processor')} | {r.get('goal', '')} | {met} |")
-    mib = {key: memory[key] / 2**20 for key in memory if key.endswith("_bytes")}
-    lines += ["", f"Memory, 5e7 particles at 1024² (MiB): particle set {mib['particle_set_bytes']:.1f}; a thread's two frames "
-              f"{mib['winner_frame_bytes']:.0f} (winners) and {mib['sums_frame_bytes']:.0f} (sums); peak resident "
-              f"{mib['rss_drawn_bytes'] - mib['rss_before_bytes']:.0f} above {mib['rss_before_bytes']:.0f} before sampling; "
-              f"budget {mib['budget_bytes']:.0f}."]
+    mib = {key.removesuffix("_bytes"): memory[key] / 2**20 for key in memory if key.endswith("_bytes")}
+    lines += ["", f"Memory, 5e7 particles at 1024² (MiB): particle set {mib['particle_set']:.1f}; a thread's "
+              f"two frames {mib['winner_frame']:.0f} (winners) and {mib['sums_frame']:.0f} (sums); "
+              f"peak resident {mib['rss_drawn'] - mib['rss_before']:.0f} above {mib['rss_before']:.0f} "
+              f"before sampling; budget {mib['budget']:.0f}."]
     return "\n".join(lines) + "\n"
 
 

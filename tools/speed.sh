@@ -23,7 +23,9 @@ while [ $# -gt 0 ]; do
     shift 2
 done
 case $repetitions in
-    '' | *[!0-9]* | 0 | 1 | 2 | 3 | 4) echo "$command: --repetitions = '$repetitions', expected 5 or more" >&2; exit 2 ;;
+    '' | *[!0-9]* | [0-4])
+        echo "$command: --repetitions = '$repetitions', expected 5 or more" >&2
+        exit 2 ;;
 esac
 case $out in '' | /*) ;; *) out=$PWD/$out ;; esac
 cd "$(dirname "$(readlink -f "${BASH_SOURCE[0]}")")/.."
@@ -40,6 +42,7 @@ trap 'rm -rf "$raw"' EXIT
 bench=build/release/bin/pellucid_bench
 "$bench" --memory >"$raw/memory.json"
 run_step "benchmarks" "$bench" --benchmark_filter="$filter" --benchmark_repetitions="$repetitions" \
-    --benchmark_enable_random_interleaving=true --benchmark_out="$raw/speed.json" --benchmark_out_format=json ||
+    --benchmark_enable_random_interleaving=true \
+    --benchmark_out="$raw/speed.json" --benchmark_out_format=json ||
     stop 4 "the benchmarks stopped (above)"
 "$PYTHON" -B tools/bench_report.py "$raw/speed.json" "$raw/memory.json" "$out"

@@ -46,7 +46,8 @@ void add_frame(const PreparedScene& scene, const ParticleFrame& frame, const Rep
                                  scene.camera.world_vector({n.x, n.y, n.z}));
         EnsembleSums::Pixel& sum = sums.pixels[pixel];
         for (int c = 0; c < 3; ++c) {
-            const auto units = static_cast<std::uint64_t>(std::min(color[c] * kColorUnits + 0.5, 4294967295.0));
+            const double most = std::numeric_limits<std::uint32_t>::max();
+            const auto units = static_cast<std::uint64_t>(std::min(color[c] * kColorUnits + 0.5, most));
             sum.color[c] += units;
             sum.square[c] += units * units;
         }
@@ -114,7 +115,8 @@ void draw_ensemble(const PreparedScene& scene, const ParticleSet& set, EnsembleS
     };
     const std::size_t pixels = sums.pixels.size();
     oneapi::tbb::enumerable_thread_specific<Frames> frames([&] {
-        return Frames{WinnerFrame(camera.width(), camera.height()), {std::vector<EnsembleSums::Pixel>(pixels)}};
+        return Frames{WinnerFrame(camera.width(), camera.height()),
+                      {.pixels = std::vector<EnsembleSums::Pixel>(pixels)}};
     });
     parallel_for(set.repeats.size(), 1, [&](std::size_t begin, std::size_t end) {
         Frames& mine = frames.local();
