@@ -1,6 +1,7 @@
 #include "cpu/particle_stages.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 
@@ -16,10 +17,25 @@ namespace {
 constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
 constexpr double kColorUnits = 65535;
 
+/// Particles that are projected before any pixel is touched: their pixels' cache lines travel
+/// meanwhile, and the batch (6 kB) stays in the first-level cache. Flat between 128 and 1024.
+constexpr std::size_t kBatch = 256;
+/// Pixels between fetching a sum and adding to it; one is shaded in about 50 ns, memory answers in 100.
+constexpr std::size_t kFetchAhead = 16;
+
+/// Asks for both ends: a pixel of the sums may lie on two cache lines.
+void fetch(const EnsembleSums::Pixel& pixel) {
+    __builtin_prefetch(&pixel, 1);
+    __builtin_prefetch(reinterpret_cast<const char*>(&pixel + 1) - 1, 1);
+}
+
 /// Shades the winner of every hit pixel and adds it.
 void add_frame(const PreparedScene& scene, const ParticleFrame& frame, const RepeatParticles& repeat,
                const WinnerFrame& winners, EnsembleSums& sums) {
-    for (const std::uint32_t pixel : winners.hit_pixels()) {
+    const std::span<const std::uint32_t> hit = winners.hit_pixels();
+    for (std::size_t i = 0; i < hit.size(); ++i) {
+        if (i + kFetchAhead < hit.size()) fetch(sums.pixels[hit[i + kFetchAhead]]);
+        const std::uint32_t pixel = hit[i];
         const std::uint32_t index = winners.winner(pixel);
         const Particle& particle = repeat.particles[index];
         const auto object = std::upper_bound(repeat.object_ends.begin(), repeat.object_ends.end(), index) -
@@ -30,7 +46,8 @@ void add_frame(const PreparedScene& scene, const ParticleFrame& frame, const Rep
                                  scene.camera.world_vector({n.x, n.y, n.z}));
         EnsembleSums::Pixel& sum = sums.pixels[pixel];
         for (int c = 0; c < 3; ++c) {
-            const auto units = static_cast<std::uint64_t>(std::min(color[c] * kColorUnits + 0.5, 4294967295.0));
+            const double most = std::numeric_limits<std::uint32_t>::max();
+            const auto units = static_cast<std::uint64_t>(std::min(color[c] * kColorUnits + 0.5, most));
             sum.color[c] += units;
             sum.square[c] += units * units;
         }
@@ -45,15 +62,25 @@ WinnerFrame::WinnerFrame(int width, int height)
     : keys_(static_cast<std::size_t>(width) * static_cast<std::size_t>(height), kNoHit), width_(width) {}
 
 void WinnerFrame::draw(std::span<const Particle> particles, const twin::Projection& projection) {
-    for (std::size_t i = 0; i < particles.size(); ++i) {
-        const twin::PixelDepth at = twin::project_particle(projection, particles[i]);
-        if (at.column < 0) continue;
-        const std::uint64_t key = (static_cast<std::uint64_t>(at.depth) << 32U) | static_cast<std::uint32_t>(i);
-        const auto pixel = static_cast<std::uint32_t>(at.row) * static_cast<std::uint32_t>(width_) +
-                           static_cast<std::uint32_t>(at.column);
-        std::uint64_t& held = keys_[pixel];
-        if (held == kNoHit) hit_.push_back(pixel);
-        held = std::min(held, key);
+    std::array<std::uint64_t, kBatch> keys;
+    std::array<std::uint32_t, kBatch> pixels;
+    for (std::size_t begin = 0; begin < particles.size(); begin += kBatch) {
+        const std::size_t end = std::min(begin + kBatch, particles.size());
+        std::size_t in_view = 0;
+        for (std::size_t i = begin; i < end; ++i) {
+            const twin::PixelDepth at = twin::project_particle(projection, particles[i]);
+            if (at.column < 0) continue;
+            pixels[in_view] = static_cast<std::uint32_t>(at.row) * static_cast<std::uint32_t>(width_) +
+                              static_cast<std::uint32_t>(at.column);
+            keys[in_view] = (static_cast<std::uint64_t>(at.depth) << 32U) | static_cast<std::uint32_t>(i);
+            __builtin_prefetch(&keys_[pixels[in_view]], 1);
+            ++in_view;
+        }
+        for (std::size_t k = 0; k < in_view; ++k) {
+            std::uint64_t& held = keys_[pixels[k]];
+            if (held == kNoHit) hit_.push_back(pixels[k]);
+            held = std::min(held, keys[k]);
+        }
     }
 }
 
@@ -88,7 +115,8 @@ void draw_ensemble(const PreparedScene& scene, const ParticleSet& set, EnsembleS
     };
     const std::size_t pixels = sums.pixels.size();
     oneapi::tbb::enumerable_thread_specific<Frames> frames([&] {
-        return Frames{WinnerFrame(camera.width(), camera.height()), {std::vector<EnsembleSums::Pixel>(pixels)}};
+        return Frames{WinnerFrame(camera.width(), camera.height()),
+                      {.pixels = std::vector<EnsembleSums::Pixel>(pixels)}};
     });
     parallel_for(set.repeats.size(), 1, [&](std::size_t begin, std::size_t end) {
         Frames& mine = frames.local();

@@ -1,0 +1,271 @@
+// How fast is each stage, beside a bare probe of what this machine gives?
+// tools/speed.sh -> results/speed/speed.json, speed.csv, speed.md
+//
+// Names are stage/what: `probe` is the bare loop, all others are Pellucid. Only ratios of medians mean
+// something: run with --benchmark_enable_random_interleaving=true and at least 5 repetitions.
+// `--memory` instead draws once in this process and prints what it held as JSON.
+#include <atomic>
+#include <cstring>
+#include <string>
+
+#include <benchmark/benchmark.h>
+#include <fmt/format.h>
+
+#include "bench/probes.hpp"
+#include "bench/workloads.hpp"
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "cpu/particle_stages.hpp"
+#include "harness/provenance.hpp"
+#include "reference/ray_scene.hpp"
+#include "reference/truth.hpp"
+#include "sample/particle_sampler.hpp"
+
+namespace pellucid::bench {
+namespace {
+
+/// The machine's limits were measured with two threads.
+constexpr int kThreads = 2;
+constexpr std::uint32_t kRepeats = 500;
+
+[[nodiscard]] benchmark::Counter rate(std::uint64_t count) {
+    return {static_cast<double>(count), benchmark::Counter::kIsRate};
+}
+
+[[nodiscard]] std::uint64_t done(const benchmark::State& state) {
+    return static_cast<std::uint64_t>(state.iterations());
+}
+
+// ---- Drawing ----------------------------------------------------------------------------------
+
+struct Drawing {
+    PreparedScene scene;
+    ParticleSet particles;
+};
+
+/// `total` particles over 500 repeats, as many of each surface. Only the first 20 repeats are sampled, the
+/// others are copies: drawing them costs the same.
+[[nodiscard]] Drawing make_drawing(std::uint64_t total) {
+    constexpr std::uint32_t kSampled = 20;
+    PreparedScene scene = overlapping_surfaces();
+    const auto samplers = make_samplers(scene);
+    const SamplerSettings settings{.seed = {}, .exact_count = total / kRepeats / samplers.size()};
+    ParticleSet particles = sample_particles(scene, samplers, settings, 0, kSampled);
+    particles.repeats.reserve(kRepeats);
+    for (std::size_t i = kSampled; i < kRepeats; ++i)
+        particles.repeats.push_back(particles.repeats[i % kSampled]);
+    return {std::move(scene), std::move(particles)};
+}
+
+template <std::uint64_t total>
+[[nodiscard]] const Drawing& drawing() {
+    static const Drawing made = make_drawing(total);
+    return made;
+}
+
+[[nodiscard]] EnsembleSums empty_sums(const Camera& camera) {
+    return {.pixels = std::vector<EnsembleSums::Pixel>(static_cast<std::size_t>(camera.width()) *
+                                                       static_cast<std::size_t>(camera.height()))};
+}
+
+template <std::uint64_t total>
+void draw_whole_ensemble(benchmark::State& state) {
+    const Drawing& d = drawing<total>();
+    for (auto _ : state) {
+        EnsembleSums sums = empty_sums(d.scene.camera);
+        draw_ensemble(d.scene, d.particles, sums);
+        benchmark::DoNotOptimize(sums.pixels.data());
+    }
+    state.counters["particles"] = rate(done(state) * d.particles.count());
+}
+
+/// Projection and nearest-wins alone, a frame a thread.
+void draw_winners_only(benchmark::State& state) {
+    const Drawing& d = drawing<50'000'000>();
+    const twin::Projection projection = d.particles.frame.projection(d.scene.camera);
+    for (auto _ : state)
+        parallel_for(kThreads, 1, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t thread = begin; thread < end; ++thread) {
+                WinnerFrame frame(kImageSize, kImageSize);
+                for (std::size_t i = thread; i < kRepeats; i += kThreads) {
+                    frame.draw(d.particles.repeats[i].particles, projection);
+                    frame.clear();
+                }
+            }
+        });
+    state.counters["particles"] = rate(done(state) * d.particles.count());
+}
+
+void splat_probe(benchmark::State& state) {
+    static SplatProbe probe(std::size_t{1} << 24U, kImageSize);
+    std::uint64_t points = 0;
+    for (auto _ : state) points += probe.run();
+    state.counters["particles"] = rate(points);
+}
+
+// ---- Sampling ---------------------------------------------------------------------------------
+
+/// About 10^6 trials for every shape, in repeats of some 10^5.
+template <PreparedScene (*make_scene)()>
+void sample(benchmark::State& state) {
+    static const PreparedScene scene = make_scene();
+    static const std::vector<LineSampler> samplers = make_samplers(scene);
+    const double trials = mean_trials(samplers[0], TrialLaw::poisson);
+    const auto repeats = static_cast<std::uint32_t>(1 + 1e6 / trials);
+    std::uint64_t particles = 0;
+    for (auto _ : state) particles += sample_particles(scene, samplers, {}, 0, repeats).count();
+    state.counters["particles"] = rate(particles);
+    // By their mean: the Poisson law's spread is one in a thousand here.
+    state.counters["trials"] = rate(done(state) * static_cast<std::uint64_t>(trials * repeats));
+}
+
+[[nodiscard]] PreparedScene nested_spheres_in_full() { return nested_spheres(kImageSize, 0.005); }
+
+void torus_lines_probe(benchmark::State& state) {
+    constexpr std::uint64_t kLines = std::uint64_t{1} << 23U;
+    TorusLinesProbe probe(kLines);
+    std::uint64_t particles = 0;
+    for (auto _ : state) particles += probe.run();
+    state.counters["particles"] = rate(particles);
+    state.counters["trials"] = rate(done(state) * kLines);
+}
+
+// ---- Truth ------------------------------------------------------------------------------------
+
+[[nodiscard]] const PreparedScene& mesh_scene() {
+    static const PreparedScene scene = nested_spheres_in_full();
+    return scene;
+}
+
+void embree_probe(benchmark::State& state) {
+    const PreparedScene& scene = mesh_scene();
+    static const EmbreeProbe probe(*scene.objects[0].geometry->mesh(),
+                                   {scene.camera.eye().z, scene.camera.pixel_size(), kImageSize});
+    std::uint64_t hits = 0;
+    for (auto _ : state) hits += probe.run();
+    state.counters["hits"] = rate(hits);
+    state.counters["rays"] = rate(done(state) * kImageSize * kImageSize);
+}
+
+/// The same rays through the truth's own gathering.
+void gather_all_hits(benchmark::State& state) {
+    const PreparedScene& scene = mesh_scene();
+    static const RayScene rays(scene);
+    std::atomic<std::uint64_t> hits = 0;
+    for (auto _ : state)
+        parallel_for(kImageSize / 4, 1, [&](std::size_t begin, std::size_t end) {
+            PacketHits found;
+            std::array<Ray, kPacket> packet;
+            std::uint64_t sum = 0;
+            for (std::size_t block_y = begin; block_y < end; ++block_y)
+                for (std::size_t block_x = 0; block_x < kImageSize / 4; ++block_x) {
+                    for (std::size_t i = 0; i < kPacket; ++i)
+                        packet[i] = scene.camera.ray(static_cast<double>(4 * block_x + (i & 3U)) + 0.5,
+                                                     static_cast<double>(4 * block_y + (i >> 2U)) + 0.5);
+                    rays.gather(packet, found);
+                    for (const auto& list : found) sum += list.size();
+                }
+            hits += sum;
+        });
+    state.counters["hits"] = rate(hits);
+    state.counters["rays"] = rate(done(state) * kImageSize * kImageSize);
+}
+
+/// Everything: jitter, all hits, shading, compositing; 64 rays a pixel. Building the ray scene is left out.
+template <PixelFilter filter>
+void trace_whole_truth(benchmark::State& state) {
+    static const PreparedScene scene = nested_spheres(160, 0.3);
+    TruthStats stats;
+    for (auto _ : state) {
+        const double before = stats.trace_s;
+        TruthStats once;
+        benchmark::DoNotOptimize(trace_truth(scene, {.filter = filter, .seed = {}, .max_samples = 64}, once));
+        state.SetIterationTime(once.trace_s);
+        stats.trace_s = before + once.trace_s;
+        stats.hits += once.hits;
+        stats.rays += once.rays;
+    }
+    state.counters["hits"] = rate(stats.hits);
+    state.counters["rays"] = rate(stats.rays);
+}
+
+void register_all() {
+    using benchmark::RegisterBenchmark;
+    // Each run is long enough to be timed once; the repetitions are what counts.
+    const auto once = [](benchmark::internal::Benchmark* b) {
+        return b->Iterations(1)->UseRealTime()->MeasureProcessCPUTime()->Unit(benchmark::kMillisecond);
+    };
+    const auto thrice = [&](benchmark::internal::Benchmark* b) { return once(b)->Iterations(3); };
+    thrice(RegisterBenchmark("draw/probe", splat_probe));
+    once(RegisterBenchmark("draw/winners_5e7", draw_winners_only));
+    once(RegisterBenchmark("draw/ensemble_5e7", draw_whole_ensemble<50'000'000>));
+    once(RegisterBenchmark("draw/ensemble_5e6", draw_whole_ensemble<5'000'000>));
+    thrice(RegisterBenchmark("sample/probe", torus_lines_probe));
+    once(RegisterBenchmark("sample/torus", sample<torus>));
+    once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full>));
+    once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface>));
+    thrice(RegisterBenchmark("truth/probe", embree_probe));
+    thrice(RegisterBenchmark("truth/gather", gather_all_hits));
+    RegisterBenchmark("truth/whole_box", trace_whole_truth<PixelFilter::box>)
+        ->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
+    RegisterBenchmark("truth/whole_particle", trace_whole_truth<PixelFilter::particle>)
+        ->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
+}
+
+// ---- Memory -----------------------------------------------------------------------------------
+
+/// Samples and draws 5e7 particles and prints what was resident, in bytes. The budget: 16 a particle and
+/// two frames a thread, of which one holds the winners (a key and a place in the list of hits a pixel),
+/// the other the sums; and the image of sums that the caller gets.
+void print_memory() {
+    const PreparedScene scene = crossing_cards();
+    const auto samplers = make_samplers(scene);
+    const std::uint64_t before = peak_rss_bytes();
+    const SamplerSettings settings{.seed = {}, .exact_count = 50'000'000 / kRepeats / samplers.size()};
+    const ParticleSet particles = sample_particles(scene, samplers, settings, 0, kRepeats);
+    const std::uint64_t sampled = peak_rss_bytes();
+    EnsembleSums sums = empty_sums(scene.camera);
+    draw_ensemble(scene, particles, sums);
+    const std::uint64_t drawn = peak_rss_bytes();
+    const std::uint64_t winner_frame = sums.pixels.size() * (sizeof(std::uint64_t) + sizeof(std::uint32_t));
+    const std::uint64_t sums_frame = sums.pixels.size() * sizeof(EnsembleSums::Pixel);
+    const std::uint64_t budget =
+        sizeof(Particle) * particles.count() + kThreads * (winner_frame + sums_frame) + sums_frame;
+    fmt::print("{{\"threads\": {}, \"particles\": {}, \"particle_set_bytes\": {}, "
+               "\"winner_frame_bytes\": {}, \"sums_frame_bytes\": {}, \"rss_before_bytes\": {}, "
+               "\"rss_sampled_bytes\": {}, \"rss_drawn_bytes\": {}, \"budget_bytes\": {}}}\n",
+               kThreads, particles.count(), particles.bytes(), winner_frame, sums_frame, before, sampled,
+               drawn, budget);
+}
+
+}  // namespace
+}  // namespace pellucid::bench
+
+int main(int argc, char** argv) {
+    using namespace pellucid;
+    set_thread_count(bench::kThreads);
+    try {
+        if (argc == 2 && std::strcmp(argv[1], "--memory") == 0) {
+            bench::print_memory();
+            return 0;
+        }
+        const BuildInfo build = build_info();
+        benchmark::AddCustomContext("threads", std::to_string(bench::kThreads));
+        benchmark::AddCustomContext("commit", build.commit);
+        benchmark::AddCustomContext("compiler", build.compiler);
+        benchmark::AddCustomContext("flags", build.flags);
+        benchmark::AddCustomContext("build_type", build.build_type);
+        const HostInfo host = host_info();
+        benchmark::AddCustomContext("cpu", host.cpu);
+        benchmark::AddCustomContext("os", host.os);
+        benchmark::AddCustomContext("memory_bytes", std::to_string(host.memory_bytes));
+        bench::register_all();
+        benchmark::Initialize(&argc, argv);
+        if (benchmark::ReportUnrecognizedArguments(argc, argv)) return 2;
+        benchmark::RunSpecifiedBenchmarks();
+    } catch (const std::exception& error) {
+        fmt::print(stderr, "pellucid_bench: {}\n", error.what());
+        return 4;
+    }
+    return 0;
+}

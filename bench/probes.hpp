@@ -1,0 +1,66 @@
+// Bare probes: what the machine gives to the inner loop of each stage with no renderer around it.
+// Built for the machine at hand (-march=native); every speed goal is a ratio to one of them.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <vector>
+
+#include "io/mesh_file.hpp"
+
+namespace pellucid::bench {
+
+/// Splatting: 16-byte points in random order into one size² buffer of 64 bits, the nearest wins.
+class SplatProbe {
+public:
+    SplatProbe(std::size_t points, int size);
+    /// Projects and splats all points, on all threads; returns how many.
+    std::uint64_t run();
+
+private:
+    struct Point {
+        float x, y, z;
+        std::uint32_t payload;
+    };
+    void splat(const Point* points, std::size_t count);
+
+    int size_;
+    std::vector<Point> points_;
+    std::vector<std::uint64_t> keys_;
+};
+
+/// All hits of coherent primary rays with triangles: Embree with a 16-wide context filter that keeps
+/// depth and ids, then a sort a ray. The camera is a pinhole at (0, 0, distance) that looks along −z.
+class EmbreeProbe {
+public:
+    struct View {
+        double distance;
+        double pixel_size;  // at distance 1
+        int size;
+    };
+    EmbreeProbe(const TriangleMesh& mesh, const View& view);
+    ~EmbreeProbe();
+    EmbreeProbe(const EmbreeProbe&) = delete;
+    EmbreeProbe& operator=(const EmbreeProbe&) = delete;
+    /// Traces size² rays, one a pixel centre, in packets of 4×4 pixels, on all threads; returns the hits.
+    std::uint64_t run() const;
+
+private:
+    struct Embree;
+    std::unique_ptr<Embree> embree_;
+    View view_;
+};
+
+/// Random lines through the sphere around a torus (radii 1 and 0.4) and where they cross it: the quartic
+/// on the line, its changes of sign in 16 steps, and three steps of safeguarded Newton in each.
+class TorusLinesProbe {
+public:
+    explicit TorusLinesProbe(std::uint64_t lines) : lines_(lines) {}
+    /// Returns how many crossings were found and stored, 16 bytes each.
+    std::uint64_t run();
+
+private:
+    std::uint64_t lines_;
+};
+
+}  // namespace pellucid::bench

@@ -1,0 +1,157 @@
+#include "bench/workloads.hpp"
+
+#include <cmath>
+#include <cstdlib>
+#include <fstream>
+#include <string>
+
+#include "core/error.hpp"
+
+namespace pellucid::bench {
+namespace {
+
+/// A folder that is gone when the scene has been read.
+class ScratchFolder {
+public:
+    ScratchFolder() {
+        std::string name = (std::filesystem::temp_directory_path() / "pellucid_bench_XXXXXX").string();
+        if (mkdtemp(name.data()) == nullptr) throw run_error("{}: cannot make a temporary folder", name);
+        path_ = name;
+    }
+    ~ScratchFolder() {
+        std::error_code ignored;
+        std::filesystem::remove_all(path_, ignored);
+    }
+    ScratchFolder(const ScratchFolder&) = delete;
+    ScratchFolder& operator=(const ScratchFolder&) = delete;
+    [[nodiscard]] std::filesystem::path file(const char* name) const { return path_ / name; }
+
+private:
+    std::filesystem::path path_;
+};
+
+template <typename T>
+void put(std::ofstream& out, const T& value) {
+    out.write(reinterpret_cast<const char*>(&value), sizeof(T));
+}
+
+[[nodiscard]] Scene empty_scene(int size, const Vec3& position) {
+    Scene scene;
+    scene.source = "benchmark";
+    scene.image = {.width = size, .height = size};
+    scene.camera.position = position;
+    scene.lights = {{.headlight = true}};
+    return scene;
+}
+
+[[nodiscard]] Surface glossy(const char* name, Shape shape, const Vec3& offset = Vec3(0.0)) {
+    Surface surface;
+    surface.name = name;
+    surface.shape = std::move(shape);
+    surface.opacity = 0.005;  // thin, so that a repeat is a small piece of work
+    surface.shading = {.ambient = 0.2, .diffuse = 0.6, .specular = 0.3, .shininess = 32};
+    surface.to_world.offset = offset;
+    return surface;
+}
+
+/// A cube of n × n squares a side, blown up to a sphere whose radius goes up and down.
+void add_wavy_sphere(double radius, int n, TriangleMesh& mesh) {
+    for (int face = 0; face < 6; ++face) {
+        const auto first = static_cast<std::uint32_t>(mesh.positions.size());
+        const double side = (face & 1) != 0 ? 1 : -1;
+        for (int j = 0; j <= n; ++j)
+            for (int i = 0; i <= n; ++i) {
+                Vec3 p;
+                p[face / 2] = side;
+                p[(face / 2 + 1) % 3] = 2.0 * i / n - 1;
+                p[(face / 2 + 2) % 3] = side * (2.0 * j / n - 1);  // turned over: outside stays outside
+                p = normalize(p);
+                const double wave = std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z);
+                mesh.positions.push_back(radius * (1 + 0.05 * wave) * p);
+            }
+        const auto row = static_cast<std::uint32_t>(n + 1);
+        for (std::uint32_t j = 0; j < row - 1; ++j)
+            for (std::uint32_t i = 0; i < row - 1; ++i) {
+                const std::uint32_t a = first + j * row + i;
+                mesh.triangles.push_back({a, a + 1, a + row + 1});
+                mesh.triangles.push_back({a, a + row + 1, a + row});
+            }
+    }
+}
+
+void write_ply(const std::filesystem::path& file, const TriangleMesh& mesh) {
+    std::ofstream out(file, std::ios::binary);
+    out << "ply\nformat binary_little_endian 1.0\nelement vertex " << mesh.positions.size()
+        << "\nproperty float x\nproperty float y\nproperty float z\nelement face " << mesh.triangles.size()
+        << "\nproperty list uchar uint vertex_indices\nend_header\n";
+    for (const Vec3& p : mesh.positions)
+        for (int axis = 0; axis < 3; ++axis) put(out, static_cast<float>(p[axis]));
+    for (const auto& t : mesh.triangles) {
+        put(out, std::uint8_t{3});
+        put(out, t);
+    }
+    if (!out.flush()) throw run_error("{}: cannot be written", file.string());
+}
+
+void write_wavy_volume(const std::filesystem::path& file, int n) {
+    std::ofstream out(file, std::ios::binary);
+    out << "NRRD0004\ntype: float\ndimension: 3\nsizes: " << n << ' ' << n << ' ' << n
+        << "\nencoding: raw\nendian: little\nspacings: 1 1 1\n\n";
+    for (int k = 0; k < n; ++k)
+        for (int j = 0; j < n; ++j)
+            for (int i = 0; i < n; ++i) {
+                const Vec3 p = (Vec3(i, j, k) + 0.5) * (2.0 / n) - 1.0;
+                const double wave = std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z);
+                put(out, static_cast<float>(length(p) + 0.1 * wave));
+            }
+    if (!out.flush()) throw run_error("{}: cannot be written", file.string());
+}
+
+}  // namespace
+
+PreparedScene overlapping_surfaces() {
+    Scene scene = empty_scene(kImageSize, {1.5, 2, 4.5});
+    scene.surfaces.push_back(glossy("torus", ImplicitShape{"torus", {}}));
+    scene.surfaces.push_back(glossy("sphere", ImplicitShape{"sphere", {{"radius", 0.7}}}, {0.4, 0, 0.2}));
+    scene.surfaces.push_back(glossy("ellipsoid", ImplicitShape{"ellipsoid", {}}, {-0.3, 0.2, 0}));
+    const ImplicitShape cylinder{"cylinder", {{"radius", 0.5}, {"height", 1.6}}};
+    scene.surfaces.push_back(glossy("cylinder", cylinder));
+    return prepare(scene);
+}
+
+PreparedScene crossing_cards() {
+    Scene scene = empty_scene(kImageSize, {0, 0, 4.5});
+    for (const double tilt : {-0.6, -0.2, 0.2, 0.6}) {
+        const RectangleShape card{.center = Vec3(0.0), .u = {1, 0, tilt}, .v = {0, 1, tilt}, .image = {}};
+        scene.surfaces.push_back(glossy("card", card));
+    }
+    return prepare(scene);
+}
+
+PreparedScene torus() {
+    Scene scene = empty_scene(kImageSize, {1.5, 2, 4.5});
+    scene.surfaces.push_back(glossy("torus", ImplicitShape{"torus", {}}));
+    return prepare(scene);
+}
+
+PreparedScene nested_spheres(int size, double opacity) {
+    const ScratchFolder scratch;
+    TriangleMesh mesh;
+    for (int shell = 0; shell < 8; ++shell) add_wavy_sphere(0.3 + 0.1 * shell, 104, mesh);
+    write_ply(scratch.file("spheres.ply"), mesh);
+    Scene scene = empty_scene(size, {0, 0, 4});
+    scene.surfaces.push_back(glossy("nested spheres", MeshShape{scratch.file("spheres.ply")}));
+    scene.surfaces[0].opacity = opacity;
+    return prepare(scene);
+}
+
+PreparedScene wavy_isosurface() {
+    const ScratchFolder scratch;
+    write_wavy_volume(scratch.file("ball.nrrd"), 128);
+    Scene scene = empty_scene(kImageSize, {64, 64, 320});
+    scene.camera.target = {64, 64, 64};
+    scene.surfaces.push_back(glossy("isosurface", IsosurfaceShape{scratch.file("ball.nrrd"), 0.6}));
+    return prepare(scene);
+}
+
+}  // namespace pellucid::bench

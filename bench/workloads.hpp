@@ -1,0 +1,22 @@
+// What the benchmarks work on: scenes that are made, not read, so that they are the same everywhere.
+#pragma once
+
+#include "io/mesh_file.hpp"
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid::bench {
+
+inline constexpr int kImageSize = 1024;
+
+/// Four closed surfaces that overlap on the screen and cross each other, lit and glossy.
+[[nodiscard]] PreparedScene overlapping_surfaces();
+/// Four rectangles that cross each other: the shape whose particles are sampled fastest.
+[[nodiscard]] PreparedScene crossing_cards();
+/// One torus that fills the image.
+[[nodiscard]] PreparedScene torus();
+/// Eight nested wavy spheres, 1.04 million triangles, seen along −z in an image of size².
+[[nodiscard]] PreparedScene nested_spheres(int size, double opacity);
+/// The isosurface of a wavy ball in a volume of 128³, trilinear.
+[[nodiscard]] PreparedScene wavy_isosurface();
+
+}  // namespace pellucid::bench
