@@ -187,11 +187,15 @@ int CatalogueSurface::crossings(const Vec3& origin, const Vec3& direction, doubl
         k2 * k2,
     };
     const int found = sign_changes(bernstein_from_powers(c), t);
+    int kept = 0;
     for (int i = 0; i < found; ++i) {
-        double& root = t[static_cast<std::size_t>(i)];
-        root = t_lo + 2 * half * root;
+        const double root = t_lo + 2 * half * t[static_cast<std::size_t>(i)];
+        // Squared, the equation also has (|(x, y)| + R)² + z² = r²: the lemon inside a torus with r > R.
+        const Vec3 x = origin + root * direction;
+        if (minor_ > major_ && dot(x, x) + (major_ - minor_) * (major_ + minor_) < 0) continue;
+        t[static_cast<std::size_t>(kept++)] = root;
     }
-    return found;
+    return kept;
 }
 
 }  // namespace pellucid

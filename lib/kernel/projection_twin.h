@@ -21,7 +21,7 @@ struct Projection {
     int64_t center_x;     // half the width · 2^fraction_bits
     int64_t center_y;     // half the height · 2^fraction_bits
     int near_bits;
-    int near_exponent;    // near plane in [2^e, 2^(e+1)); -126 for 0
+    int near_exponent;    // near plane in [2^e, 2^(e+1)), or below where that would be under -97 + lateral_shift
     int lateral_shift;    // perspective: extra bits that x and y keep below those of w;
                           // orthographic: their binary point
     int fraction_bits;

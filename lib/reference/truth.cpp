@@ -18,6 +18,8 @@ namespace {
 constexpr int kSets = 4;
 /// Behind this transmittance nothing is seen: an order below a float's last digit.
 constexpr double kOpaque = 1e-9;
+/// Depths closer than this share of themselves are equal: rounding of the same plane, told twice.
+constexpr double kCoincident = 1e-13;
 
 struct Rgba {
     double c[4]{};
@@ -88,32 +90,56 @@ private:
 
     void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set) {
         hits += list.size();
-        if (list.empty()) return;
-        nearest_ = std::min(nearest_, list.front().t);
         const double ray_length = length(ray.direction);
         double clear = 1;
         Rgba& sum = box_[set];
-        for (const RayHit& hit : list) {
-            const Object& object = scene_.objects[hit.object];
-            const double cosine = std::abs(dot(hit.normal, ray.direction)) / (length(hit.normal) * ray_length);
-            const Vec3 point = ray.origin + hit.t * ray.direction;
-            const Vec3 shading_normal = object.geometry->shading_normal(hit.patch, point, hit.normal);
-            if (settings_.filter == PixelFilter::particle) {
-                const double law = object.surface.opacity_law == OpacityLaw::oblique ? std::max(cosine, 1e-12) : 1;
-                const double straight_on = -std::log1p(-std::min(object.surface.opacity, kMostParticleOpacity));
-                if (straight_on > 0)
-                    pool_.push_back({hit.t, straight_on / law, shade(scene_, object, point, shading_normal), set});
-                continue;
+        for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
+            // Crossings at one depth are mixed, whatever their order.
+            std::size_t end = i + 1;
+            while (end < list.size() && list[end].t - list[i].t <= kCoincident * list[i].t) ++end;
+            mixed_.clear();
+            for (; i < end; ++i) {
+                const RayHit& hit = list[i];
+                const Object& object = scene_.objects[hit.object];
+                if (object.surface.opacity == 0) continue;
+                nearest_ = std::min(nearest_, hit.t);
+                const double cosine =
+                    std::max(std::abs(dot(hit.normal, ray.direction)) / (length(hit.normal) * ray_length), 1e-12);
+                const Vec3 point = ray.origin + hit.t * ray.direction;
+                const Vec3 color = shade(scene_, object, point, object.geometry->shading_normal(hit.patch, point, hit.normal));
+                if (settings_.filter == PixelFilter::particle) {
+                    const double law = object.surface.opacity_law == OpacityLaw::oblique ? cosine : 1;
+                    const double straight_on = -std::log1p(-std::min(object.surface.opacity, kMostParticleOpacity));
+                    pool_.push_back({hit.t, straight_on / law, color, set});
+                } else {
+                    mixed_.push_back({hit.t, object.opacity(cosine), color, set});
+                }
             }
-            const double alpha = object.opacity(std::max(cosine, 1e-12));
-            if (alpha > 0) {
-                const Vec3 color = shade(scene_, object, point, shading_normal);
-                for (int c = 0; c < 3; ++c) sum.c[c] += clear * alpha * color[c];
-                sum.c[3] += clear * alpha;
-                clear *= 1 - alpha;
+            double passes = 1;
+            for (const Layer& layer : mixed_) {
+                const double weight = clear * layer.depth * mixed_share(layer);
+                for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
+                passes *= 1 - layer.depth;
             }
-            if (clear < kOpaque) break;
+            sum.c[3] += clear * (1 - passes);
+            clear *= passes;
         }
+    }
+
+    /// zSlab (4.4) for any number: what a layer of mixed_ keeps of its colour when the layers at its depth
+    /// are put in front of it with chance ½ each, averaged over all orders: ∫₀¹ Π (1 − u α_j) du over the
+    /// others. Of two, 1 − α_j/2.
+    [[nodiscard]] double mixed_share(const Layer& layer) const {
+        if (mixed_.size() == 1) return 1;
+        std::vector<double> product{1};  // coefficients of Π (1 − u α_j)
+        for (const Layer& other : mixed_) {
+            if (&other == &layer) continue;
+            product.push_back(0);
+            for (std::size_t k = product.size() - 1; k > 0; --k) product[k] -= other.depth * product[k - 1];
+        }
+        double integral = 0;
+        for (std::size_t k = 0; k < product.size(); ++k) integral += product[k] / static_cast<double>(k + 1);
+        return integral;
     }
 
     void estimate_box() {
@@ -182,6 +208,7 @@ private:
     const TruthSettings& settings_;
     PacketHits found_;
     std::vector<Layer> pool_;
+    std::vector<Layer> mixed_;  // of one ray and depth
     Rgba box_[kSets];
     int sub_rays_ = 0;
     double nearest_ = 0;

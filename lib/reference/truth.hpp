@@ -20,7 +20,7 @@ enum class PixelFilter {
 
 struct TruthSettings {
     PixelFilter filter = PixelFilter::box;
-    Seed seed;
+    Seed seed{};
     /// Sub-rays are added until the standard error of every channel is at most this …
     double max_error = 0.002;
     /// … or this many a pixel are spent; from 64 in steps of 4×.

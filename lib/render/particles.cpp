@@ -57,7 +57,10 @@ namespace {
         const auto spread = [&](double sum, double squares) { return (squares - sum * sum / n) / (n * (n - 1)); };
         for (int c = 0; c < 3; ++c)
             worst = std::max(worst, spread(static_cast<double>(p.color[c]), static_cast<double>(p.square[c])) / (65535.0 * 65535.0));
-        worst = std::max(worst, spread(p.covered, p.covered));
+        // A pixel hit in none or in all of the repeats seems to have no error at all. Laplace's estimate of
+        // its share, (hits + 1)/(repeats + 2), does not believe that before 1/n is small.
+        const double share = (p.covered + 1.0) / (n + 2);
+        worst = std::max(worst, share * (1 - share) / n);
     }
     return std::sqrt(worst);
 }

@@ -9,11 +9,11 @@ namespace pellucid {
 
 struct ParticleSettings {
     std::uint32_t repeats = 500;  // L_R
-    SamplerSettings sampler;
+    SamplerSettings sampler{};
     /// Particles held at a time: repeats are sampled, drawn and forgotten in batches of this size.
     std::int64_t memory_mib = 1024;
     /// Stop before `repeats` once every pixel's estimated standard error is at most this.
-    std::optional<double> max_error;
+    std::optional<double> max_error{};
 };
 
 /// Particle generation → projection with occlusion → averaging, batch by batch.

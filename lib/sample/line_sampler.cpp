@@ -51,8 +51,11 @@ constexpr std::size_t kBlockPieces = 4096;
     return std::max(t_hi, 0.0);
 }
 
-/// The parts of a body cut in halves along each of its edges (4 triangles, 4 or 8 parallel ones).
+/// The parts of a body cut in two along each of its edges (4 triangles, 4 or 8 parallel ones). Flat ones in
+/// halves; others beside the middle, where a surface may lie flat (a plane in the middle of its
+/// bounds, an isosurface half-way through a cell): it would belong to both parts, or to none.
 int cut(const Body& body, std::array<Body, 8>& out) {
+    constexpr double kShare = 0.4871;
     Body half = body;
     for (Vec3& e : half.edge) e *= 0.5;
     const Vec3& a = half.edge[0];
@@ -67,11 +70,14 @@ int cut(const Body& body, std::array<Body, 8>& out) {
         return 4;
     }
     const std::size_t count = body.kind == Body::Kind::parallelogram ? 4 : 8;
+    const double share = body.flat() ? 0.5 : kShare;
     for (std::size_t i = 0; i < count; ++i) {
-        out[i] = half;
-        if ((i & 1U) != 0) out[i].corner += a;
-        if ((i & 2U) != 0) out[i].corner += b;
-        if ((i & 4U) != 0) out[i].corner += half.edge[2];
+        out[i] = body;
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            const bool second = (i >> axis & 1U) != 0;
+            if (second) out[i].corner += share * body.edge[axis];
+            out[i].edge[axis] *= second ? 1 - share : share;
+        }
     }
     return static_cast<int>(count);
 }
@@ -191,7 +197,9 @@ int LineSampler::shoot(const Piece& piece, const std::array<std::uint32_t, 4>& b
     direction = turn.x * side + turn.y * cross(inward, side) + std::sqrt(1 - disc) * inward;
 
     const double t_hi = exit_distance(body, origin, direction);
-    return object_->geometry->crossings(piece.patch, {origin, direction, 0, t_hi}, hits);
+    // A hair beyond both ends: a surface may lie in a face of the body, where rounding would lose it.
+    const double hair = 1e-12 * t_hi;
+    return object_->geometry->crossings(piece.patch, {origin, direction, -hair, t_hi + hair}, hits);
 }
 
 std::optional<LineSampler::Point> LineSampler::keep(const Piece& piece, const SurfacePoint& at, double chance) const {

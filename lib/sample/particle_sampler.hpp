@@ -19,10 +19,10 @@ enum class TrialLaw {
 };
 
 struct SamplerSettings {
-    Seed seed;
+    Seed seed{};
     TrialLaw trials = TrialLaw::poisson;
     /// Draw exactly this many particles of each object in each repeat, whatever its opacity.
-    std::optional<std::uint64_t> exact_count;
+    std::optional<std::uint64_t> exact_count{};
     /// Wrong twins, for tests that must reject them.
     bool keep_all_crossings = false;
     bool same_set_in_all_repeats = false;

@@ -54,14 +54,13 @@ twin::Projection ParticleFrame::projection(const Camera& camera) const {
     if (p.perspective != 0) {
         p.lateral_shift = -ceil_exponent(half);
         p.focal_fixed = std::llround(std::ldexp(1 / camera.pixel_size(), p.fraction_bits - p.lateral_shift));
+        // Not so small that a scaling by 2^(29 - near_exponent + lateral_shift) leaves float's range.
+        p.near_exponent = -97 + std::max(0, p.lateral_shift);
         const double scaled_near = std::ldexp(near, -exponent);
-        if (scaled_near > 0) {
-            p.near_exponent = std::max(-126, static_cast<int>(std::floor(std::log2(scaled_near))));
-            p.near_bits = 60 - p.near_exponent;
-            p.near_fixed = std::llround(std::ldexp(scaled_near, p.near_bits));
-        } else {
-            p.near_exponent = -126;
-        }
+        if (scaled_near > 0)
+            p.near_exponent = std::max(p.near_exponent, static_cast<int>(std::floor(std::log2(scaled_near))));
+        p.near_bits = 60 - p.near_exponent;
+        p.near_fixed = std::llround(std::ldexp(scaled_near, p.near_bits));
     } else {
         const int lateral_exponent = ceil_exponent(half) - exponent;  // |x| < 2^this, as stored
         p.lateral_shift = 30 - lateral_exponent;

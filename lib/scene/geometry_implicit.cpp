@@ -7,6 +7,9 @@
 namespace pellucid {
 namespace {
 
+/// Of the diagonal: far above rounding, far below what it costs in trials.
+constexpr double kRoom = 1e-6;
+
 class ImplicitGeometry final : public SurfaceGeometry {
 public:
     ImplicitGeometry(CatalogueSurface field, const Box& bounds, const Affine& to_world)
@@ -15,10 +18,13 @@ public:
     [[nodiscard]] std::size_t patch_count() const override { return bounds_.empty() ? 0 : 1; }
     [[nodiscard]] int max_crossings() const override { return field_.max_crossings(); }
 
+    /// The bounds and a hair around them: a surface that lies in a face of its bounds (a plane may) is
+    /// then inside the body, and not lost where rounding puts the body's face before it.
     [[nodiscard]] Body body(std::size_t) const override {
-        const Vec3 size = bounds_.size();
+        const Vec3 room(kRoom * length(bounds_.size()));
+        const Vec3 size = bounds_.size() + 2.0 * room;
         return {Body::Kind::parallelepiped,
-                to_world_.point(bounds_.lo),
+                to_world_.point(bounds_.lo - room),
                 {size.x * to_world_.linear[0], size.y * to_world_.linear[1], size.z * to_world_.linear[2]}};
     }
 

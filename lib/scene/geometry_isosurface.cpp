@@ -64,6 +64,8 @@ public:
         const Vec3 direction = to_index_.vector(line.direction);
         double lo = line.t_lo;
         double hi = line.t_hi;
+        int entered = -1;  // through which pair of faces, -1: the line starts or ends inside
+        int left = -1;
         for (int axis = 0; axis < 3; ++axis) {
             if (direction[axis] == 0) {
                 if (from[axis] < 0 || from[axis] >= 1) return 0;  // half-open: one of two neighbours takes it
@@ -71,14 +73,26 @@ public:
             }
             const double a = -from[axis] / direction[axis];
             const double b = (1 - from[axis]) / direction[axis];
-            lo = std::max(lo, std::min(a, b));
-            hi = std::min(hi, std::max(a, b));
+            if (std::min(a, b) > lo) {
+                lo = std::min(a, b);
+                entered = axis;
+            }
+            if (std::max(a, b) < hi) {
+                hi = std::max(a, b);
+                left = axis;
+            }
         }
         if (!(lo < hi)) return 0;
         const TrilinearCell cell = values(patch);
         const auto inside = [](const Vec3& p) { return glm::clamp(p, Vec3(0.0), Vec3(1.0)); };
+        // Exactly on the faces: where all of a face has the isovalue (label and other integer data), a
+        // point beside it by rounding would have another sign, and the crossing be lost.
+        Vec3 first = inside(from + lo * direction);
+        Vec3 last = inside(from + hi * direction);
+        if (entered >= 0) first[entered] = direction[entered] > 0 ? 0 : 1;
+        if (left >= 0) last[left] = direction[left] > 0 ? 1 : 0;
         std::array<double, 3> root{};
-        const int found = sign_changes(cell.along(inside(from + lo * direction), inside(from + hi * direction)), root);
+        const int found = sign_changes(cell.along(first, last), root);
         for (int i = 0; i < found; ++i) {
             const double t = lo + root[static_cast<std::size_t>(i)] * (hi - lo);
             const Vec3 normal = to_world_.normal(cell.gradient(inside(from + t * direction)));
@@ -110,6 +124,25 @@ public:
         const double width = volume_ * (std::abs(gradient.x) + std::abs(gradient.y) + std::abs(gradient.z));
         if (!(u[3] * width <= least_height_ * length(normal))) return std::nullopt;
         return SurfacePoint{to_world_.point(Vec3(origin(patch)) + p), normal};
+    }
+
+    [[nodiscard]] bool excludes(std::size_t patch, const Body& part) const override {
+        // A trilinear field lies between its values at the corners of a box with the cell's edges. Values
+        // within rounding of the isovalue exclude nothing.
+        std::array<Vec3, 8> corners;
+        const auto count = static_cast<std::size_t>(part.vertices(corners));
+        const TrilinearCell cell = values(patch);
+        double largest = 0;
+        for (const double value : cell.corner) largest = std::max(largest, std::abs(value));
+        double least = kInfinity;
+        double most = -kInfinity;
+        for (std::size_t i = 0; i < count; ++i) {
+            const Vec3 p = to_index_.point(corners[i]) - Vec3(origin(patch));
+            const double value = cell(p.x, p.y, p.z);
+            least = std::min(least, value);
+            most = std::max(most, value);
+        }
+        return least > 1e-9 * largest || most < -1e-9 * largest;
     }
 
     [[nodiscard]] Box bounds() const override {

@@ -27,8 +27,8 @@ public:
         if (against == 0) return 0;
         const Vec3 from = line.origin - b.corner;
         const Vec3 q = cross(line.direction, from);
-        const double u = -dot(b.edge[1], q) / against;
-        const double v = dot(b.edge[0], q) / against;
+        const double u = dot(b.edge[1], q) / against;
+        const double v = -dot(b.edge[0], q) / against;
         const double t = -dot(normal, from) / against;
         if (!(u >= 0 && v >= 0 && u + v <= 1 && t >= line.t_lo && t <= line.t_hi)) return 0;
         out[0] = {t, normal};

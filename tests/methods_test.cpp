@@ -1,0 +1,49 @@
+// Methods by name, and what they refuse.
+#include "render/method.hpp"
+
+#include "core/error.hpp"
+#include "scene_testing.hpp"
+
+namespace pellucid {
+namespace {
+
+using namespace testing_scenes;
+
+TEST(Methods, NamesAreFoundAndOthersListed) {
+    EXPECT_EQ(method_by_name("particles").name, "particles");
+    EXPECT_EQ(method_by_name("reference").name, "reference");
+    try {
+        (void)method_by_name("partikels");
+        FAIL();
+    } catch (const Error& e) {
+        EXPECT_EQ(e.kind(), Failure::input);
+        EXPECT_NE(std::string(e.what()).find("particles, reference"), std::string::npos);
+    }
+}
+
+TEST(Methods, WhatCannotBeDrawnIsRefusedByName) {
+    const std::string head = "image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n[[surface]]\nname = \"fine\"\nimplicit = \"sphere\"\n";
+    const std::string transfer = "transfer = [[0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]";
+    for (const std::string& odd :
+         {std::string("[[surface]]\nname = \"odd\"\nexpression = \"x\"\nbounds = [[-1, -1, -1], [1, 1, 1]]"),
+          std::string("[[surface]]\nname = \"odd\"\npoints = \"p.ply\""),
+          std::string("[[surface]]\nname = \"odd\"\nisosurface = { volume = \"v.nrrd\", isovalue = 1, interpolation = \"catmull-rom\" }"),
+          std::string("[[surface]]\nname = \"odd\"\nimplicit = \"sphere\"\ncontours = [{ field = \"y\", spacing = 1 }]"),
+          "[[surface]]\nname = \"odd\"\nslice = { volume = \"v.nrrd\", " + transfer + " }",
+          "[[volume]]\nname = \"odd\"\nfile = \"v.nrrd\"\n" + transfer})
+        for (const Method& method : methods()) {
+            const Scene scene = scene_from(head + odd);
+            try {
+                require_drawable(method, scene);
+                ADD_FAILURE() << odd;
+            } catch (const Error& e) {
+                EXPECT_EQ(e.kind(), Failure::input);
+                EXPECT_NE(std::string(e.what()).find("\"odd\""), std::string::npos) << e.what();
+                EXPECT_NE(std::string(e.what()).find(method.name), std::string::npos) << e.what();
+            }
+            EXPECT_NO_THROW(require_drawable(method, scene_from(head)));
+        }
+}
+
+}  // namespace
+}  // namespace pellucid

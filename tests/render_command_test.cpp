@@ -1,0 +1,208 @@
+// The render command from end to end: what it writes, and how it refuses.
+#include <cstdio>
+#include <cstdlib>
+
+#include <sys/wait.h>
+
+#include <nlohmann/json.hpp>
+#include <zlib.h>
+
+#include "io/image_file.hpp"
+#include "scene_testing.hpp"
+
+namespace pellucid {
+namespace {
+
+using namespace testing_scenes;
+
+std::string slurp(const fs::path& file) {
+    std::ifstream in(file, std::ios::binary);
+    return {std::istreambuf_iterator<char>(in), {}};
+}
+
+class RenderCommand : public testing::Test {
+protected:
+    fs::path folder = test_folder();
+
+    const std::string head_ = "image.resolution = [12, 10]\ncamera.position = [0, 0, 4]\n";
+    const std::string good_ = head_ + "[[surface]]\nname = \"ball\"\nimplicit = \"sphere\"\nopacity = 0.5\n";
+
+    struct Result {
+        int code = -1;
+        std::string out, err;
+    };
+    Result run(const std::string& arguments) const {
+        const std::string command = fmt::format("cd '{}' && timeout 60 '{}/render' {} > out 2> err", folder.string(), PELLUCID_BIN_DIR, arguments);
+        const int status = std::system(command.c_str());
+        return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, slurp(folder / "out"), slurp(folder / "err")};
+    }
+    void scene(const std::string& toml) const { put(folder / "s.toml", toml); }
+
+    /// Refused with `code`, one line that says `word`, and an old result stays as it was.
+    void refused(const std::string& arguments, const std::string& word, int code = 2) const {
+        SCOPED_TRACE(arguments);
+        put(folder / "o.exr", "old");
+        const Result r = run(arguments);
+        EXPECT_EQ(r.code, code) << r.err;
+        EXPECT_EQ(std::count(r.err.begin(), r.err.end(), '\n'), 1) << r.err;
+        EXPECT_NE(r.err.find(word), std::string::npos) << r.err;
+        EXPECT_EQ(slurp(folder / "o.exr"), "old");
+        EXPECT_TRUE(r.out.empty()) << r.out;
+    }
+    void refused_scene(const std::string& toml, const std::string& word) const {
+        scene(toml);
+        for (const char* method : {"particles", "reference"}) refused(fmt::format("s.toml --method {} -o o.exr", method), word);
+    }
+};
+
+TEST_F(RenderCommand, WritesPlanesAttributesAndStatistics) {
+    scene(good_);
+    for (const std::string method : {"particles", "reference"}) {
+        const Result r = run("s.toml --method " + method + " -o o.exr --stats s.json --seed 5 --set image.background=[0,0,1] --quiet");
+        ASSERT_EQ(r.code, 0) << r.err;
+        EXPECT_EQ(r.err, "");
+        const Image image = read_exr(folder / "o.exr");
+        EXPECT_EQ(image.width(), 12);
+        EXPECT_EQ(image.height(), 10);
+        for (const char* plane : {"R", "G", "B", "A", "Z", "variance.R", "variance.G", "variance.B", "variance.A"}) EXPECT_TRUE(image.has(plane)) << plane;
+        for (const char* key : {"scene", "method", "settings", "seed", "commit", "device"}) EXPECT_FALSE(image.attributes.at(key).empty()) << key;
+        EXPECT_EQ(image.attributes.at("method"), method);
+        EXPECT_EQ(image.attributes.at("seed"), "5");
+        EXPECT_TRUE(std::isinf(image.plane("Z")[0]));
+        EXPECT_NEAR(static_cast<double>(image.plane("A")[12 * 5 + 6]), 0.75, 0.1);
+        const auto stats = nlohmann::json::parse(slurp(folder / "s.json"));
+        for (const char* key : {"method", "backend", "device", "seed", "stages", "total_s", "peak_rss_bytes", "device_bytes"}) EXPECT_TRUE(stats.contains(key)) << key;
+        for (const auto& stage : stats["stages"])
+            for (const char* key : {"name", "wall_s", "device_s"}) EXPECT_TRUE(stage.contains(key)) << key;
+        if (method == "particles") {
+            EXPECT_EQ(stats["repeats"], 500);
+            EXPECT_GT(stats["particles"], 1000);
+        }
+    }
+}
+
+TEST_F(RenderCommand, SettingsAreInTheHeaderWithTheirDefaults) {
+    scene(good_);
+    ASSERT_EQ(run("s.toml --method particles -o o.exr --set particles.repeats=3").code, 0);
+    const std::string settings = read_exr(folder / "o.exr").attributes.at("settings");
+    EXPECT_NE(settings.find("\"repeats\":3"), std::string::npos) << settings;
+    EXPECT_NE(settings.find("lines"), std::string::npos) << settings;
+}
+
+TEST_F(RenderCommand, PngIsOverTheBackground) {
+    scene(good_ + "shading = \"flat\"\n");
+    ASSERT_EQ(run("s.toml --method reference -o o.png --set image.background=[0,0,1]").code, 0);
+    const Image image = read_png(folder / "o.png");
+    EXPECT_NEAR(static_cast<double>(image.plane("B")[0]), 1, 1e-3);
+    EXPECT_NEAR(static_cast<double>(image.plane("R")[0]), 0, 1e-3);
+    EXPECT_NEAR(static_cast<double>(image.plane("R")[12 * 5 + 6]), 0.75 * 0.8, 0.01);
+}
+
+TEST_F(RenderCommand, CropIsThatPartOfTheWhole) {
+    scene(good_);
+    ASSERT_EQ(run("s.toml --method reference -o whole.exr").code, 0);
+    ASSERT_EQ(run("s.toml --method reference -o part.exr --crop 3,2,9,7").code, 0);
+    const Image whole = read_exr(folder / "whole.exr");
+    const Image part = read_exr(folder / "part.exr");
+    ASSERT_EQ(part.width(), 6);
+    ASSERT_EQ(part.height(), 5);
+    for (std::size_t y = 0; y < 5; ++y)
+        for (std::size_t x = 0; x < 6; ++x) EXPECT_EQ(part.plane("G")[6 * y + x], whole.plane("G")[12 * (y + 2) + x + 3]);
+}
+
+TEST_F(RenderCommand, PlanDrawsNothing) {
+    scene(good_);
+    const Result r = run("s.toml --method particles -o o.exr --plan");
+    EXPECT_EQ(r.code, 0) << r.err;
+    EXPECT_FALSE(fs::exists(folder / "o.exr"));
+    EXPECT_NE(r.out.find("bytes"), std::string::npos);
+    EXPECT_NE(r.out.find("total"), std::string::npos);
+}
+
+TEST_F(RenderCommand, ListsHaveOneLineAMethodAndASurface) {
+    const Result methods = run("--list");
+    EXPECT_EQ(methods.code, 0);
+    EXPECT_EQ(std::count(methods.out.begin(), methods.out.end(), '\n'), 2);
+    for (const char* word : {"particles: ", "reference: ", "particles.repeats = 500", "reference.filter"}) EXPECT_NE(methods.out.find(word), std::string::npos) << word;
+    const Result surfaces = run("--list-implicit");
+    EXPECT_NE(surfaces.out.find("torus: "), std::string::npos);
+    EXPECT_GE(std::count(surfaces.out.begin(), surfaces.out.end(), '\n'), 10);
+}
+
+TEST_F(RenderCommand, BadArgumentsAreRefused) {
+    scene(good_);
+    const std::string ok = "s.toml --method particles -o o.exr ";
+    refused("s.toml --method nonsense -o o.exr", "nonsense");
+    refused("s.toml -o o.exr", "--method");
+    refused("--method particles -o o.exr", "scene");
+    refused("nowhere.toml --method particles -o o.exr", "nowhere.toml");
+    refused("s.toml --method particles -o o.jpg", "o.jpg");
+    refused(ok + "--nonsense", "nonsense");
+    refused(ok + "--set particles.repeat=3", "repeat");
+    refused(ok + "--set nonsense.key=3", "nonsense");
+    refused(ok + "--set camera.positon=[0,0,1]", "positon");
+    refused(ok + "--set particles.repeats=0", "repeats");
+    refused(ok + "--set particles.repeats=many", "repeats");
+    refused(ok + "--set particles.sampler=\\\"cubes\\\"", "cubes");
+    refused(ok + "--max-error 0", "--max-error");
+    for (const char* crop : {"0,0,13,10", "5,5,5,9", "1,2,3", "a,b,c,d", "-1,0,3,3", "0,0,99999999999,4", "1,2,3,4,5"})
+        refused(ok + "--crop " + crop, "--crop");
+    refused(ok + "--backend vulkan", "vulkan", 3);
+    refused(ok + "--device GTX", "GTX", 3);
+    const Result unwritable = run("s.toml --method particles -o nowhere/o.exr --set particles.repeats=2");
+    EXPECT_EQ(unwritable.code, 4) << unwritable.err;
+    EXPECT_EQ(std::count(unwritable.err.begin(), unwritable.err.end(), '\n'), 1) << unwritable.err;
+}
+
+TEST_F(RenderCommand, BadScenesAreRefused) {
+    refused_scene(good_ + "colour = [1, 1, 1]\n", "colour");
+    refused_scene(good_ + "bounds = [[1, 1, 1], [-1, -1, -1]]\n", "bounds");
+    refused_scene("image.resolution = [4000000, 4000000]\ncamera.position = [0, 0, 4]\n", "resolution");
+    refused_scene("image.resolution = [8, 8]\ncamera.position = [0, 0, 0]\n", "target");
+    refused_scene(head_ + "[[surface]]\nname = \"b\"\nimplicit = \"sphear\"\n", "sphear");
+    refused_scene(head_ + "[[surface]]\nname = \"b\"\nimplicit = \"sphere\"\nopacity = 1.5\n", "opacity");
+    refused_scene(head_ + "[[surface]]\nname = \"b\"\nmesh = \"gone.ply\"\n", "gone.ply");
+    const std::string transfer = "transfer = [[0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]\n";
+    refused_scene(good_ + "[[volume]]\nname = \"fog\"\nfile = \"v.nrrd\"\n" + transfer, "fog");
+    refused_scene(good_ + "[[surface]]\nname = \"odd\"\npoints = \"p.ply\"\n", "odd");
+}
+
+TEST_F(RenderCommand, DamagedFilesAreRefused) {
+    const std::string iso = head_ + "[[surface]]\nname = \"b\"\nisosurface = { volume = \"v.nrrd\", isovalue = 0.5 }\n";
+    put_volume(folder / "v.nrrd", {8, 8, 8}, std::vector<float>(512, 1));
+    fs::resize_file(folder / "v.nrrd", fs::file_size(folder / "v.nrrd") - 100);
+    refused_scene(iso, "v.nrrd");
+
+    const std::string raw(4096, 'x');
+    std::string header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 16 16\nspacings: 1 1 1\nencoding: gzip\n\n";
+    gzFile zip = gzopen((folder / "z.gz").c_str(), "wb");
+    gzwrite(zip, raw.data(), 4096);
+    gzclose(zip);
+    std::string packed = slurp(folder / "z.gz");
+    packed[packed.size() / 2] = static_cast<char>(packed[packed.size() / 2] ^ 0x55);
+    put(folder / "v.nrrd", header + packed);
+    refused_scene(iso, "v.nrrd");
+
+    const std::string mesh = head_ + "[[surface]]\nname = \"m\"\nmesh = \"m.ply\"\n";
+    const std::string vertices = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n"
+                                 "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n";
+    put(folder / "m.ply", fmt::format(fmt::runtime(vertices), 1000000000) + "3 0 1 2\n");
+    refused_scene(mesh, "m.ply");
+    put(folder / "m.ply", fmt::format(fmt::runtime(vertices), 1) + "3 0 1 7\n");
+    refused_scene(mesh, "m.ply");
+}
+
+TEST_F(RenderCommand, SurfaceThatNeverCrossesItsIsovalueIsAWarningAndAnEmptyImage) {
+    put_volume(folder / "v.nrrd", {4, 4, 4}, std::vector<float>(64, 1));
+    scene(head_ + "[[surface]]\nname = \"b\"\nisosurface = { volume = \"v.nrrd\", isovalue = 5 }\n");
+    for (const char* method : {"particles", "reference"}) {
+        const Result r = run(fmt::format("s.toml --method {} -o o.exr", method));
+        EXPECT_EQ(r.code, 0) << r.err;
+        EXPECT_NE(r.err.find("warning: "), std::string::npos) << r.err;
+        const Image image = read_exr(folder / "o.exr");
+        for (const float a : image.plane("A")) EXPECT_EQ(a, 0);
+    }
+}
+
+}  // namespace
+}  // namespace pellucid
