@@ -167,7 +167,7 @@ def cases_over_theta(rows: pd.DataFrame) -> list[tuple[float, float]]:
     cases = most_repeats(rows, "ratio", "count", "shape", "projection", "tilt_deg", "theta_lo_deg")
     cases = cases.groupby(["ratio", "count"]).size().rename("angles").reset_index()
     face_on = theory(cases.ratio, cases["count"])
-    cases = cases[(face_on > 0.02) & (face_on < 0.9)].assign(face_on=face_on)
+    cases = cases.assign(face_on=face_on)[(face_on > 0.02) & (face_on < 0.9)]
     cases["worth"] = cases.angles / max(cases.angles.max(), 1) - 0.6 * (cases.face_on - 0.2).abs()
     cases = cases.sort_values("worth", ascending=False)
     if cases.empty:
@@ -259,12 +259,13 @@ def order_statistic_band(size: int) -> tuple[np.ndarray, np.ndarray]:
     1 − LEVEL: beta quantiles of each order statistic at one common level, found by bisection."""
     ranks = np.arange(1, size + 1)
     smallest, largest = np.log(LEVEL / size / 2), np.log(LEVEL)
+    def band(level: float):
+        return [stats.beta.ppf(p, ranks, size + 1 - ranks) for p in (np.exp(level) / 2, 1 - np.exp(level) / 2)]
+
     for _ in range(14):
-        tail = np.exp((smallest + largest) / 2) / 2
-        low, high = (stats.beta.ppf(p, ranks, size + 1 - ranks) for p in (tail, 1 - tail))
-        smallest, largest = ((np.log(2 * tail), largest) if stays_within(low, high) > 1 - LEVEL
-                             else (smallest, np.log(2 * tail)))
-    return stats.norm.ppf(low), stats.norm.ppf(high)
+        middle = (smallest + largest) / 2
+        smallest, largest = (middle, largest) if stays_within(*band(middle)) >= 1 - LEVEL else (smallest, middle)
+    return tuple(stats.norm.ppf(edge) for edge in band(smallest))
 
 
 def qq_panel(ax, z: np.ndarray) -> str:
@@ -475,10 +476,10 @@ def scatter_finding(result: common.Result, rows: pd.DataFrame) -> str:
     rows = rows[rows.sigma > 0]
     trials = rows.pixels_measured * rows.repeats
     many = rows[np.minimum(rows.alpha_theory, 1 - rows.alpha_theory) * trials >= FEW]
-    if not len(many) or 0.005 < fit["p_value"] < 0.995:
+    if not len(many) or len(many) == len(rows) or 0.005 < fit["p_value"] < 0.995:
         return text + "."
     chi2 = float((((many.alpha_drawn - many.alpha_theory) / many.sigma) ** 2).sum())
-    return (f"{text}. This p means little: {len(rows) - len(many)} rows expect fewer than {FEW} covered or clear pixels, where the squared "
+    return (f"{text}. This p is to be taken with care: {len(rows) - len(many)} rows expect fewer than {FEW} covered or clear pixels, where the squared "
             f"deviation is nearly always close to 0 and seldom large; over the other {len(many)}, against the theory itself, χ² = {chi2:.1f} "
             f"(p = {stats.chi2.sf(chi2, len(many)):.2g}).")
 
