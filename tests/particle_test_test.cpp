@@ -96,7 +96,7 @@ TEST(ParticleTest, NoPixelsIsNoVerdict) {
 
 TEST(ParticleTest, HistogramsHoldEveryPixelAndExpectAsMany) {
     const CoinPicture coins(5000, 50);
-    const CoverageTest result = test_coverage(coins.drawn, coins.truth, coins.sharp, {.repeats = 50});
+    const CoverageTest result = test_coverage(coins.drawn, coins.truth, coins.sharp, {.repeats = 50, .seed = {}});
     for (const Histogram& histogram : {p_value_histogram(result), z_histogram(result)}) {
         std::int64_t pixels = 0;
         double expected = 0;
