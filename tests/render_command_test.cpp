@@ -84,9 +84,9 @@ TEST_F(RenderCommand, WritesPlanesAttributesAndStatistics) {
 TEST_F(RenderCommand, SettingsAreInTheHeaderWithTheirDefaults) {
     scene(good_);
     ASSERT_EQ(run("s.toml --method particles -o o.exr --set particles.repeats=3").code, 0);
-    const std::string settings = read_exr(folder / "o.exr").attributes.at("settings");
-    EXPECT_NE(settings.find("\"repeats\": 3"), std::string::npos) << settings;
-    EXPECT_NE(settings.find("lines"), std::string::npos) << settings;
+    const auto settings = nlohmann::json::parse(read_exr(folder / "o.exr").attributes.at("settings"));
+    EXPECT_EQ(settings["particles"]["repeats"], 3);
+    EXPECT_EQ(settings["particles"]["sampler"], "lines");
 }
 
 TEST_F(RenderCommand, PngIsOverTheBackground) {
