@@ -49,7 +49,7 @@ void add_frame(const PreparedScene& scene, const ParticleFrame& frame, const Rep
             const double most = std::numeric_limits<std::uint32_t>::max();
             const auto units = static_cast<std::uint64_t>(std::min(color[c] * kColorUnits + 0.5, most));
             sum.color[c] += units;
-            sum.square[c] += units * units;
+            sum.square[c] += static_cast<WideCount>(units) * units;
         }
         ++sum.covered;
         sum.depth = std::min(sum.depth, twin::floatBitsToUint(particle.above_near));
@@ -72,7 +72,7 @@ void WinnerFrame::draw(std::span<const Particle> particles, const twin::Projecti
             if (at.column < 0) continue;
             pixels[in_view] = static_cast<std::uint32_t>(at.row) * static_cast<std::uint32_t>(width_) +
                               static_cast<std::uint32_t>(at.column);
-            keys[in_view] = (static_cast<std::uint64_t>(at.depth) << 32U) | static_cast<std::uint32_t>(i);
+            keys[in_view] = (static_cast<std::uint64_t>(at.depth) << 32U) | twin::scramble_index(static_cast<std::uint32_t>(i));
             __builtin_prefetch(&keys_[pixels[in_view]], 1);
             ++in_view;
         }

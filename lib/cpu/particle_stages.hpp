@@ -13,22 +13,27 @@
 
 namespace pellucid {
 
+__extension__ using WideCount = unsigned __int128;
+
 /// One repeat's nearest particle in every pixel.
 class WinnerFrame {
 public:
     WinnerFrame(int width, int height);
 
-    /// Projects all particles; the nearest wins its pixel, at equal depth the one with the lower index.
+    /// Projects all particles; the nearest wins its pixel. At equal depth the lower of the indices, scrambled,
+    /// wins: as good as a coin, and the same on every backend, so the order of objects does not matter.
     void draw(std::span<const Particle> particles, const twin::Projection& projection);
     /// The pixels that were hit, in order of their first hit.
     [[nodiscard]] std::span<const std::uint32_t> hit_pixels() const { return hit_; }
     /// Index of the particle that won. Precondition: the pixel was hit.
-    [[nodiscard]] std::uint32_t winner(std::uint32_t pixel) const { return static_cast<std::uint32_t>(keys_[pixel]); }
+    [[nodiscard]] std::uint32_t winner(std::uint32_t pixel) const {
+        return twin::restore_index(static_cast<std::uint32_t>(keys_[pixel]));
+    }
     /// Forgets the hits: touches only pixels that were hit.
     void clear();
 
 private:
-    std::vector<std::uint64_t> keys_;  // depth in the high, index in the low half; all ones: no hit
+    std::vector<std::uint64_t> keys_;  // depth in the high, scrambled index in the low half; all ones: no hit
     std::vector<std::uint32_t> hit_;
     int width_;
 };
@@ -37,7 +42,7 @@ private:
 struct EnsembleSums {
     struct Pixel {
         std::uint64_t color[3]{};
-        std::uint64_t square[3]{};
+        WideCount square[3]{};      // 128 bits: bright colours of many repeats do not fit into 64
         std::uint32_t covered = 0;    // repeats in which the pixel was hit
         std::uint32_t depth = ~0U;    // bits of the least depth beyond near
     };

@@ -55,6 +55,11 @@ TWIN_FN int64_t to_fixed(float value, int shift) {
     return int64_t(floor(value * power_of_two(s)));
 }
 
+// A bijection of the 32-bit numbers that looks random (Fibonacci hashing: 2^32 over the golden ratio),
+// and back: particles at equal depth are told apart by it, not by the order of their objects.
+TWIN_FN uint scramble_index(uint index) { return index * 0x9e3779b1u; }
+TWIN_FN uint restore_index(uint scrambled) { return scrambled * 0x0e8b2f51u; }
+
 TWIN_FN PixelDepth project_particle(Projection p, Particle q) {
     int64_t w = int64_t(1) << 30;
     int lateral = p.lateral_shift;

@@ -182,7 +182,9 @@ private:
 
     /// Delete-one-set jackknife: pooling is not linear in the sets, so it takes the bias of order 1/n away too.
     void estimate_pooled() {
-        std::sort(pool_.begin(), pool_.end(), [](const Layer& a, const Layer& b) { return a.t < b.t; });
+        // Stable: surfaces at equal depth alternate ray by ray, which mixes them by their extinctions, as
+        // particles do that meet at one depth.
+        std::stable_sort(pool_.begin(), pool_.end(), [](const Layer& a, const Layer& b) { return a.t < b.t; });
         Rgba square;
         const Rgba all = composite(-1, &square);
         mean = variance = repeat_variance = {};

@@ -216,9 +216,13 @@ private:
 }  // namespace
 
 std::unique_ptr<SurfaceGeometry> make_isosurface(const Surface& surface, const IsosurfaceShape& shape) {
-    auto geometry =
-        std::make_unique<IsosurfaceGeometry>(read_volume(shape.volume), shape.isovalue, surface.to_world);
-    if (geometry->patch_count() == 0)
+    VoxelGrid grid = read_volume(shape.volume);
+    const bool has_cells = std::ranges::all_of(grid.size, [](int n) { return n > 1; });
+    auto geometry = std::make_unique<IsosurfaceGeometry>(std::move(grid), shape.isovalue, surface.to_world);
+    if (!has_cells)
+        warn("surface \"{}\": {} has one sample along an axis, so no cell: nothing to draw", surface.name,
+             shape.volume.string());
+    else if (geometry->patch_count() == 0)
         warn("surface \"{}\": {} never crosses isovalue {}: nothing to draw", surface.name, shape.volume.string(),
              shape.isovalue);
     return geometry;
