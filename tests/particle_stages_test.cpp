@@ -58,7 +58,8 @@ std::map<std::uint32_t, Winner> winners_one_by_one(std::span<const Particle> par
         const auto [place, is_new] = winners.try_emplace(pixel, Winner{at.depth, i});
         if (is_new) {
             first_hits.push_back(pixel);
-        } else if (at.depth < place->second.depth) {
+        } else if (std::pair(at.depth, twin::scramble_index(i)) <
+                   std::pair(place->second.depth, twin::scramble_index(place->second.index))) {
             place->second = {at.depth, i};
         }
     }
@@ -82,16 +83,27 @@ TEST(WinnerFrame, AgreesWithOneParticleAfterTheOtherForAnyCount) {
     }
 }
 
-TEST(WinnerFrame, NearestWinsAndAmongEqualsTheFirst) {
+TEST(WinnerFrame, NearestWins) {
     const PreparedScene scene = two_glossy_tori();
     const twin::Projection projection = ParticleFrame(scene.camera).projection(scene.camera);
     WinnerFrame frame(scene.camera.width(), scene.camera.height());
     const Particle far{0, 0, 0.5F, 0};
     const Particle near{0, 0, 0.25F, 0};
-    const std::vector<Particle> particles{far, near, near, far};
+    const std::vector<Particle> particles{far, far, near, far};
     frame.draw(particles, projection);
     ASSERT_EQ(frame.hit_pixels().size(), 1U);
-    EXPECT_EQ(frame.winner(frame.hit_pixels()[0]), 1U);
+    EXPECT_EQ(frame.winner(frame.hit_pixels()[0]), 2U);
+}
+
+TEST(WinnerFrame, AtEqualDepthNeitherOfTwoObjectsIsPreferred) {
+    // Pairs (i, n + i), as of two coincident surfaces: the first wins as often as the second.
+    int first_wins = 0;
+    constexpr std::uint32_t kPairs = 100000;
+    for (std::uint32_t i = 0; i < kPairs; ++i) {
+        EXPECT_EQ(twin::restore_index(twin::scramble_index(i)), i);
+        first_wins += twin::scramble_index(i) < twin::scramble_index(kPairs + 3 * i + i % 7) ? 1 : 0;
+    }
+    EXPECT_NEAR(first_wins / double{kPairs}, 0.5, 3.3 * 0.5 / std::sqrt(double{kPairs}));
 }
 
 TEST(DrawEnsemble, SumsAreThoseOfASerialRendering) {
