@@ -34,7 +34,7 @@ def draw_pictures(result: common.Result, n) -> None:
     t = result.tables["table"]
     ours = t[t.source == "Pellucid"].iloc[0]
     common.save(fig, result.folder, "pictures", caption=(
-        f"Skin (oblique law) and brain (constant law) of a T1 head, fused: {ours.particles:.3g} opaque particles in "
+        f"Skin and brain of a T1 head, two isosurfaces fused: {ours.particles:.3g} opaque particles in "
         f"{n.repeats:.0f} repeats, beside their ray-traced truth. The volume ends below the eyes, so the head has no mouth. "
         f"PSNR {n.psnr:.1f} dB, SSIM {n.ssim:.3f}, mean FLIP {n.flip:.4f}: all of it noise, as the next figure shows."))
 
