@@ -135,7 +135,7 @@ Numbers test_color(Experiment& ex, const Settings& s, const Pictures& p, double 
             {"color_ratio_error", color.ratio_error}};
 }
 
-/// The paper's table (METHODS A; Tanaka et al. 2012, sec. 5) and ours.
+/// The paper's table (Tanaka et al. 2012, sec. 5) and ours.
 void write_table(Experiment& ex, const Settings& s, const Pictures& p) {
     CsvWriter& table = ex.csv("table", {"source", "scene", "resolution_px", "repeats", "particles", "sampling_s",
                                         "draw_s", "frames_per_s"});

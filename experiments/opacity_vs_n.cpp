@@ -2,11 +2,12 @@
 // configs/opacity_vs_n.toml -> results/opacity_vs_n/ -> analysis/opacity_vs_n.py
 #include <cmath>
 #include <map>
+#include <numbers>
 
 #include "core/error.hpp"
 #include "harness/experiment.hpp"
 #include "study/opacity_report.hpp"
-#include "measure/statistics.hpp"
+#include "measure/opacity_theory.hpp"
 
 namespace {
 
@@ -51,6 +52,7 @@ Settings read_settings(const ConfigTable& config) {
         .family_level = config.number("family_level", kRequired, strictly_within(0, 1)),
     };
     (void)config.integer("seed", 1, {.lo = 0});
+    if (s.backends.size() > 1) throw config.error("backends", "holds more than there are: \"cpu\"");
     for (const std::string& backend : s.backends) {
         if (backend == "vulkan") throw Error(Failure::device, "backends: there is no Vulkan backend yet");
         if (backend != "cpu") throw config.error("backends", fmt::format("holds \"{}\", expected \"cpu\"", backend));
@@ -81,20 +83,24 @@ int main(int argc, char** argv) {
         const auto progress = ex.progress("patches", views.size());
         std::uint64_t row = 0;
         for (const PatchView& view : views) {
-            const auto stage = ex.stage("patches");
-            const auto patch = make_opacity_patch(view, settings.ring_edges_deg);
-            const auto scene = patch ? std::optional(prepare(patch->scene)) : std::nullopt;
-            const auto samplers = scene ? make_samplers(*scene) : std::vector<LineSampler>{};
+            std::optional<OpacityPatch> patch;
+            std::optional<PreparedScene> scene;
+            std::vector<LineSampler> samplers;
+            if (const auto stage = ex.stage("patches"); (patch = make_opacity_patch(view, settings.ring_edges_deg))) {
+                scene = prepare(patch->scene);
+                samplers = make_samplers(*scene);
+            }
             for (const std::int64_t count : settings.counts)
                 for (const std::int64_t repeats : settings.repeats) {
-                    const OpacityRow entry{view, count, repeats, derived_seed(ex.seed(), row++)};
+                    const OpacityRow entry{settings.backends.front(), view, count, repeats, derived_seed(ex.seed(), row++)};
                     if (!patch) {
                         report.outside_theory(entry);
                         continue;
                     }
-                    const double clear = std::exp(static_cast<double>(count) * std::log1p(-view.ratio));
-                    const bool measurable = clear >= settings.least_transmittance &&
-                                            static_cast<double>(count * repeats) <= settings.row_particles;
+                    const double cos_tilt = std::cos(view.tilt_deg * std::numbers::pi / 180);
+                    const auto clear = transmittance_from_count(static_cast<double>(count), {view.ratio, cos_tilt});
+                    const bool measurable = clear.value_or(0) >= settings.least_transmittance &&
+                                            static_cast<double>(count) * static_cast<double>(repeats) <= settings.row_particles;
                     report.add(entry, *patch, *scene, samplers[0], measurable);
                 }
             progress->step();

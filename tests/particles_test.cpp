@@ -238,7 +238,7 @@ TEST(WrongTwin, AllCrossingsOfALineInOneRepeatAreRejected) {
     EXPECT_NEAR(right, 0.51, 3.3 * sigma);
     const double wrong = inner_opacity(scene, {.seed = {5}, .keep_all_crossings = true}, repeats, pixels);
     EXPECT_GT(std::abs(wrong - 0.51) / sigma, 50);
-    EXPECT_NEAR(wrong, 0.342, 0.01);  // the number in METHODS A
+    EXPECT_NEAR(wrong, 0.342, 0.01);  // as measured by others on such sheets
 }
 
 TEST(WrongTwin, OneSetInAllRepeatsIsRejected) {

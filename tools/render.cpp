@@ -116,10 +116,10 @@ int run(RenderOptions options) {
                             .settings = settings.root().table(method.name),
                             .seed = {options.seed.value_or(0)},
                             .max_error = options.max_error};
-    const auto planned = method.plan(input);
+    method.check_settings(input);
     settings.finish();
     if (options.plan) {
-        print_plan(planned);
+        print_plan(method.plan(input));
         return 0;
     }
 

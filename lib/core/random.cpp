@@ -14,7 +14,7 @@ std::array<std::uint32_t, 4> random_bits(Seed seed, const DrawKey& key) {
 }
 
 Seed derived_seed(Seed seed, std::uint64_t part) {
-    const auto bits = random_bits(seed, {.object = 0xfffffff0U, .index = part & 0x00ffffffffffffffULL});
+    const auto bits = random_bits(seed, {.object = static_cast<std::uint32_t>(Purpose::derived_seed), .index = part & 0x00ffffffffffffffULL});
     return {(static_cast<std::uint64_t>(bits[1]) << 32) | bits[0]};
 }
 

@@ -27,12 +27,13 @@ enum class Purpose : std::uint32_t {
     p_value = 0xffffff01U,
     particle_count = 0xffffff02U,
     test = 0xffffff03U,
+    derived_seed = 0xffffff04U,
 };
 
 /// 128 random bits.
 [[nodiscard]] std::array<std::uint32_t, 4> random_bits(Seed seed, const DrawKey& key);
 
-/// Uniform on [0, 1), never 1: (bits + ½)/2³², so never 0 either.
+/// Uniform on (0, 1): (bits + ½)/2³² is neither 0 nor 1.
 [[nodiscard]] constexpr double unit_interval(std::uint32_t bits) {
     return (static_cast<double>(bits) + 0.5) * 0x1p-32;
 }

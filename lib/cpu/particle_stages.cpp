@@ -106,6 +106,16 @@ void EnsembleSums::add(const EnsembleSums& other) {
     repeats += other.repeats;
 }
 
+double EnsembleSums::variance_of_mean(std::size_t pixel, int channel) const {
+    if (repeats < 2) return kInfinity;
+    const auto n = static_cast<double>(repeats);
+    const Pixel& p = pixels[pixel];
+    if (channel == 3) return (p.covered - p.covered / n * p.covered) / (n * (n - 1));
+    const double sum = static_cast<double>(p.color[channel]) / kColorUnits;
+    const double squares = static_cast<double>(p.square[channel]) / (kColorUnits * kColorUnits);
+    return std::max(0.0, squares - sum * (sum / n)) / (n * (n - 1));
+}
+
 void draw_ensemble(const PreparedScene& scene, const ParticleSet& set, EnsembleSums& sums) {
     const Camera& camera = scene.camera;
     const twin::Projection projection = set.frame.projection(camera);
@@ -146,17 +156,9 @@ Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const Ens
 
     for (std::size_t i = 0; i < sums.pixels.size(); ++i) {
         const EnsembleSums::Pixel& p = sums.pixels[i];
-        const auto put = [&](int c, double sum, double sum_of_squares) {
-            const double m = sum / repeats;
-            const double spread = std::max(0.0, sum_of_squares - sum * m);
-            mean[c][i] = static_cast<float>(m);
-            variance[c][i] = static_cast<float>(spread / (repeats * (repeats - 1)));
-            if (sums.repeats < 2) variance[c][i] = std::numeric_limits<float>::infinity();
-        };
-        for (int c = 0; c < 3; ++c)
-            put(c, static_cast<double>(p.color[c]) / kColorUnits,
-                static_cast<double>(p.square[c]) / (kColorUnits * kColorUnits));
-        put(3, p.covered, p.covered);
+        for (int c = 0; c < 3; ++c) mean[c][i] = static_cast<float>(static_cast<double>(p.color[c]) / kColorUnits / repeats);
+        mean[3][i] = static_cast<float>(p.covered / repeats);
+        for (int c = 0; c < 4; ++c) variance[c][i] = static_cast<float>(sums.variance_of_mean(i, c));
         if (p.covered > 0)
             z[i] = static_cast<float>(frame.view_position({0, 0, twin::uintBitsToFloat(p.depth), 0}).z);
     }

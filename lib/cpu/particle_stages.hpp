@@ -38,7 +38,8 @@ private:
     int width_;
 };
 
-/// Sums over repeats, in integers, so that their order does not matter. Colours in units of 1/65535.
+/// Sums over repeats, in integers, so that their order does not matter. Colours in units of 1/65535;
+/// a channel is cut at 2^32 − 1 units, that is 65537.
 struct EnsembleSums {
     struct Pixel {
         std::uint64_t color[3]{};
@@ -51,6 +52,9 @@ struct EnsembleSums {
     std::uint64_t repeats = 0;
 
     void add(const EnsembleSums& other);
+    /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the variance of
+    /// its mean. +inf for a single repeat.
+    [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
 };
 
 /// Draws every repeat of the set and adds it to `sums` (whose pixels are width·height).

@@ -172,7 +172,7 @@ int CatalogueSurface::crossings(const Vec3& origin, const Vec3& direction, doubl
         return found;
     }
 
-    // (|x|² + R² − r²)² = 4 R² (x² + y²), a quartic in u = t − (t_lo + half), scaled to [0, 1].
+    // (|x|² + R² − r²)² = 4 R² (x² + y²), a quartic in u = (t − t_lo)/(t_hi − t_lo).
     const Vec3 start = m - half * direction;
     const Vec3 d = 2 * half * direction;
     const double k0 = dot(start, start) + (major_ - minor_) * (major_ + minor_);

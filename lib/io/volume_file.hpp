@@ -17,11 +17,11 @@ struct VoxelGrid {
     std::vector<float> values;  // size[0]·size[1]·size[2], after scl_slope/scl_inter
     Affine index_to_world;      // sample (i, j, k) stands at index_to_world.point({i, j, k})
 
-    [[nodiscard]] float at(int i, int j, int k) const {
-        return values[static_cast<std::size_t>(i) +
-                      static_cast<std::size_t>(size[0]) *
-                          (static_cast<std::size_t>(j) +
-                           static_cast<std::size_t>(size[1]) * static_cast<std::size_t>(k))];
+    [[nodiscard]] float at(int i, int j, int k) const { return values[index(i, j, k)]; }
+    /// Where that sample stands in `values`.
+    [[nodiscard]] std::size_t index(int i, int j, int k) const {
+        const auto wide = [](int n) { return static_cast<std::size_t>(n); };
+        return wide(i) + wide(size[0]) * (wide(j) + wide(size[1]) * wide(k));
     }
 };
 

@@ -17,7 +17,7 @@ struct Particle {
 // near + above_near for perspective and one constant for orthographic views.
 struct Projection {
     int64_t near_fixed;   // near plane · 2^near_bits, below 2^62
-    int64_t focal_fixed;  // pixels: see `projection_for` (cpu/projection.hpp)
+    int64_t focal_fixed;  // pixels: see ParticleFrame::projection (sample/particle_set.cpp)
     int64_t center_x;     // half the width · 2^fraction_bits
     int64_t center_y;     // half the height · 2^fraction_bits
     int near_bits;

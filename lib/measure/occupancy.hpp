@@ -1,5 +1,5 @@
 // How many pixels opaque particles cover: the occupancy law behind the drawn opacity, and the test of
-// a drawn count against it. METHODS A; classical occupancy: Johnson & Kotz 1977, "Urn models".
+// a drawn count against it. Classical occupancy: Johnson & Kotz 1977, "Urn models".
 //
 // One repeat throws n particles independently; a pixel is covered when at least one lands in it.
 // Exactly n particles make pixels compete (binomial counts, negatively correlated pixels); a Poisson

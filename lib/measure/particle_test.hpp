@@ -1,5 +1,5 @@
 // A particle picture judged against its exact expectation: opacity pixel by pixel by the exact binomial,
-// colour against the layered noise floor, the model's own bias at edges (METHODS A and first trap).
+// colour against the layered noise floor, the model's own bias at edges.
 //
 // All variances come from the truth (PixelFilter::particle), never from the drawn picture.
 #pragma once

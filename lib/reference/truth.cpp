@@ -1,12 +1,12 @@
 #include "reference/truth.hpp"
 
 #include <algorithm>
-#include <chrono>
 #include <cmath>
 #include <limits>
 #include <mutex>
 
 #include "core/parallel.hpp"
+#include "core/stopwatch.hpp"
 #include "reference/ray_scene.hpp"
 #include "sample/line_sampler.hpp"
 #include "scene/shading.hpp"
@@ -25,12 +25,18 @@ struct Rgba {
     double c[4]{};
 };
 
-/// One crossing that takes part in a pixel.
-struct Layer {
+/// One of the crossings that are pooled for the particle filter.
+struct PooledLayer {
     double t;
-    double depth;  // optical, −ln(1−α); or, for the box filter, α itself
+    double optical_depth;
     Vec3 color;
     int set;
+};
+
+/// One of the crossings at one depth of a ray.
+struct MixedLayer {
+    double alpha;
+    Vec3 color;
 };
 
 class PixelTracer {
@@ -108,34 +114,32 @@ private:
                 const Vec3 point = ray.origin + hit.t * ray.direction;
                 const Vec3 color = shade(scene_, object, point, object.geometry->shading_normal(hit.patch, point, hit.normal));
                 if (settings_.filter == PixelFilter::particle) {
-                    const double law = object.surface.opacity_law == OpacityLaw::oblique ? cosine : 1;
-                    const double straight_on = -std::log1p(-std::min(object.surface.opacity, kMostParticleOpacity));
-                    pool_.push_back({hit.t, straight_on / law, color, set});
+                    pool_.push_back({hit.t, object.optical_depth(cosine, kMostParticleOpacity), color, set});
                 } else {
-                    mixed_.push_back({hit.t, object.opacity(cosine), color, set});
+                    mixed_.push_back({object.opacity(cosine), color});
                 }
             }
             double passes = 1;
-            for (const Layer& layer : mixed_) {
-                const double weight = clear * layer.depth * mixed_share(layer);
+            for (const MixedLayer& layer : mixed_) {
+                const double weight = clear * layer.alpha * mixed_share(layer);
                 for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
-                passes *= 1 - layer.depth;
+                passes *= 1 - layer.alpha;
             }
             sum.c[3] += clear * (1 - passes);
             clear *= passes;
         }
     }
 
-    /// zSlab (4.4) for any number: what a layer of mixed_ keeps of its colour when the layers at its depth
+    /// Equation (4.4) of the zSlab dissertation, for any number: what a layer of mixed_ keeps of its colour when the layers at its depth
     /// are put in front of it with chance ½ each, averaged over all orders: ∫₀¹ Π (1 − u α_j) du over the
     /// others. Of two, 1 − α_j/2.
-    [[nodiscard]] double mixed_share(const Layer& layer) const {
+    [[nodiscard]] double mixed_share(const MixedLayer& layer) const {
         if (mixed_.size() == 1) return 1;
         std::vector<double> product{1};  // coefficients of Π (1 − u α_j)
-        for (const Layer& other : mixed_) {
+        for (const MixedLayer& other : mixed_) {
             if (&other == &layer) continue;
             product.push_back(0);
-            for (std::size_t k = product.size() - 1; k > 0; --k) product[k] -= other.depth * product[k - 1];
+            for (std::size_t k = product.size() - 1; k > 0; --k) product[k] -= other.alpha * product[k - 1];
         }
         double integral = 0;
         for (std::size_t k = 0; k < product.size(); ++k) integral += product[k] / static_cast<double>(k + 1);
@@ -161,11 +165,11 @@ private:
         double clear = 1;
         double known_depth = -1;
         double alpha = 0;
-        for (const Layer& layer : pool_) {
+        for (const PooledLayer& layer : pool_) {
             if (layer.set == left_out) continue;
-            if (layer.depth != known_depth) {  // many layers share one: exp is the dearest thing here
-                known_depth = layer.depth;
-                alpha = -std::expm1(-layer.depth * share);
+            if (layer.optical_depth != known_depth) {  // many layers share one: exp is the dearest thing here
+                known_depth = layer.optical_depth;
+                alpha = -std::expm1(-layer.optical_depth * share);
             }
             const double weight = clear * alpha;
             for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
@@ -184,7 +188,7 @@ private:
     void estimate_pooled() {
         // Stable: surfaces at equal depth alternate ray by ray, which mixes them by their extinctions, as
         // particles do that meet at one depth.
-        std::stable_sort(pool_.begin(), pool_.end(), [](const Layer& a, const Layer& b) { return a.t < b.t; });
+        std::stable_sort(pool_.begin(), pool_.end(), [](const PooledLayer& a, const PooledLayer& b) { return a.t < b.t; });
         Rgba square;
         const Rgba all = composite(-1, &square);
         mean = variance = repeat_variance = {};
@@ -209,23 +213,19 @@ private:
     const RayScene& ray_scene_;
     const TruthSettings& settings_;
     PacketHits found_;
-    std::vector<Layer> pool_;
-    std::vector<Layer> mixed_;  // of one ray and depth
+    std::vector<PooledLayer> pool_;
+    std::vector<MixedLayer> mixed_;  // of one ray and depth
     Rgba box_[kSets];
     int sub_rays_ = 0;
     double nearest_ = 0;
 };
 
-[[nodiscard]] double seconds_since(std::chrono::steady_clock::time_point start) {
-    return std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
-}
-
 }  // namespace
 
 Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats) {
-    const auto start = std::chrono::steady_clock::now();
+    Stopwatch watch;
     const RayScene rays(scene);
-    stats.build_s = seconds_since(start);
+    stats.build_s = watch.lap();
     stats.embree_bytes = rays.bytes();
 
     const int width = scene.camera.width();
@@ -240,7 +240,7 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     }
     const std::span<float> z = image.add("Z", std::numeric_limits<float>::infinity());
 
-    const auto start_tracing = std::chrono::steady_clock::now();
+    (void)watch.lap();
     std::mutex merging;
     double squares = 0;
     // Sums of floats are kept a row and added in order at the end: the same for any number of threads.
@@ -277,7 +277,7 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     });
     for (const double s : row_squares) squares += s;
     stats.mean_square_error = squares / (3 * static_cast<double>(image.pixel_count()));
-    stats.trace_s = seconds_since(start_tracing);
+    stats.trace_s = watch.lap();
     return image;
 }
 

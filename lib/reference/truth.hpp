@@ -14,14 +14,14 @@ enum class PixelFilter {
     box,
     /// What particle rendering converges to: a particle covers its whole pixel wherever in it it lands, so
     /// optical depth is averaged over the pixel, not opacity. The hits of all sub-rays are pooled, sorted
-    /// by depth, each given 1/n of its optical depth −ln(1−α), and composited (METHODS, first trap).
+    /// by depth, each given 1/n of its optical depth −ln(1−α), and composited.
     particle,
 };
 
 struct TruthSettings {
     PixelFilter filter = PixelFilter::box;
     Seed seed{};
-    /// Sub-rays are added until the standard error of every channel is at most this …
+    /// A pixel is traced anew with four times the sub-rays until the standard error of every channel is at most this …
     double max_error = 0.002;
     /// … or this many a pixel are spent; from 64 in steps of 4×.
     int max_samples = 4096;

@@ -24,7 +24,7 @@ void require_drawable(const Method& method, const Scene& scene) {
         throw input_error("{}: method {} cannot draw {}", scene.source, method.name, *why);
 }
 
-std::optional<std::string> surfaces_without_geometry(const Scene& scene) {
+std::optional<std::string> refusal_of_surface_methods(const Scene& scene) {
     for (const Volume& volume : scene.volumes) return fmt::format("volume \"{}\": it draws surfaces only", volume.name);
     for (const Surface& surface : scene.surfaces) {
         if (!has_geometry(surface.shape))

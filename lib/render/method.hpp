@@ -25,7 +25,6 @@ struct Stage {
 
 struct RenderStats {
     std::vector<Stage> stages;
-    double total_s = 0;
     std::uint64_t particles = 0;
     std::uint64_t repeats = 0;
     std::uint64_t rays = 0;
@@ -55,6 +54,8 @@ struct Method {
     std::vector<SettingInfo> settings;
     /// Why the method cannot draw the scene, naming the object; empty where it can.
     std::function<std::optional<std::string>(const Scene&)> refusal;
+    /// Reads and checks the settings, and nothing else.
+    std::function<void(const RenderInput&)> check_settings;
     /// The stages the scene requires and the bytes they will hold, before anything of that is allocated.
     std::function<std::vector<Stage>(const RenderInput&)> plan;
     std::function<Image(const RenderInput&, RenderStats&)> render;

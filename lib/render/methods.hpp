@@ -9,6 +9,6 @@ namespace pellucid {
 [[nodiscard]] Method reference_method();
 
 /// The refusal shared by methods that draw every surface with a geometry, and no volume.
-[[nodiscard]] std::optional<std::string> surfaces_without_geometry(const Scene& scene);
+[[nodiscard]] std::optional<std::string> refusal_of_surface_methods(const Scene& scene);
 
 }  // namespace pellucid

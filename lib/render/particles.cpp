@@ -42,10 +42,10 @@ namespace {
     return pixels * (one_thread * thread_count() + static_cast<std::int64_t>(sizeof(EnsembleSums::Pixel)));
 }
 
-/// Repeats that fit in memory together: what was asked for, but at least one a thread.
+/// Repeats held together: what fits into memory_mib, but at least one a thread, and no more than asked.
 [[nodiscard]] std::uint32_t batch_size(const ParticleSettings& settings, double particles_a_repeat) {
     const double fit = static_cast<double>(settings.memory_mib) * 0x1p20 / (sizeof(Particle) * std::max(1.0, particles_a_repeat));
-    return static_cast<std::uint32_t>(std::clamp(fit, static_cast<double>(thread_count()), static_cast<double>(settings.repeats)));
+    return static_cast<std::uint32_t>(std::min(std::max(fit, static_cast<double>(thread_count())), static_cast<double>(settings.repeats)));
 }
 
 /// Largest estimated standard error of a channel's mean.
@@ -53,13 +53,11 @@ namespace {
     const auto n = static_cast<double>(sums.repeats);
     if (n < 2) return kInfinity;
     double worst = 0;
-    for (const EnsembleSums::Pixel& p : sums.pixels) {
-        const auto spread = [&](double sum, double squares) { return (squares - sum * sum / n) / (n * (n - 1)); };
-        for (int c = 0; c < 3; ++c)
-            worst = std::max(worst, spread(static_cast<double>(p.color[c]), static_cast<double>(p.square[c])) / (65535.0 * 65535.0));
+    for (std::size_t i = 0; i < sums.pixels.size(); ++i) {
+        for (int c = 0; c < 3; ++c) worst = std::max(worst, sums.variance_of_mean(i, c));
         // A pixel hit in none or in all of the repeats seems to have no error at all. Laplace's estimate of
         // its share, (hits + 1)/(repeats + 2), does not believe that before 1/n is small.
-        const double share = (p.covered + 1.0) / (n + 2);
+        const double share = (sums.pixels[i].covered + 1.0) / (n + 2);
         worst = std::max(worst, share * (1 - share) / n);
     }
     return std::sqrt(worst);
@@ -124,10 +122,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
 
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
-    for (Stage& stage : {std::ref(cutting), std::ref(sampling), std::ref(drawing)}) {
-        stats.total_s += stage.wall_s;
-        stats.stages.push_back(std::move(stage));
-    }
+    stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     return image;
 }
 
@@ -141,7 +136,8 @@ Method particles_method() {
             {"particles.count", "\"poisson\"", "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
             {"particles.memory_mib", "1024", "particles held at a time"},
         },
-        surfaces_without_geometry,
+        refusal_of_surface_methods,
+        [](const RenderInput& input) { (void)read_settings(input); },
         plan_particles,
         [](const RenderInput& input, RenderStats& stats) {
             const ParticleSettings settings = read_settings(input);

@@ -1,5 +1,4 @@
 // The method `reference`: the Embree truth behind the common face of all methods.
-#include "core/parallel.hpp"
 #include "reference/truth.hpp"
 #include "render/methods.hpp"
 
@@ -42,14 +41,14 @@ Method reference_method() {
             {"reference.max_error", "0.002", "standard error to reach in every channel (also --max-error)"},
             {"reference.max_samples", "4096", "most sub-rays a pixel; the first estimate takes 64"},
         },
-        surfaces_without_geometry,
+        refusal_of_surface_methods,
+        [](const RenderInput& input) { (void)read_settings(input); },
         plan_reference,
         [](const RenderInput& input, RenderStats& stats) {
             TruthStats truth;
             Image image = trace_truth(input.scene, read_settings(input), truth);
             stats.stages.push_back({"build ray scene", truth.build_s, truth.embree_bytes, ""});
             stats.stages.push_back({"trace", truth.trace_s, 0, ""});
-            stats.total_s += truth.build_s + truth.trace_s;
             stats.rays = truth.rays;
             stats.hits = truth.hits;
             stats.unresolved_pixels = truth.unresolved_pixels;

@@ -1,4 +1,4 @@
-// Particles uniform on a surface by random lines (Cauchy-Crofton; METHODS A), for one view.
+// Particles uniform on a surface by random lines (Cauchy-Crofton), for one view.
 //
 // A *trial* picks a piece of the surface, shoots a uniform random line through the piece's convex
 // body, draws j uniform in 1…K (K = most crossings of a line) and keeps crossing j if there is one:

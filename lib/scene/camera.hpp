@@ -24,7 +24,7 @@ struct PixelRect {
 class Camera {
 public:
     /// `visible` bounds all objects in world coordinates; near and far come from it when the
-    /// settings give none: near = its nearest depth, but not below 1e-9 of its size and of 0.
+    /// settings give none: near = its nearest depth, but at least 1e-9 of the length of its diagonal.
     /// With `crop` the camera sees that part of the image only: its pixel (0, 0) is (x0, y0) there.
     Camera(const CameraSettings& settings, const ImageSettings& image, const Box& visible,
            std::optional<PixelRect> crop = std::nullopt);
@@ -53,7 +53,7 @@ public:
     /// The ray of the camera through a world point; not normalised.
     [[nodiscard]] Vec3 ray_direction(const Vec3& world) const { return perspective_ ? world - eye_ : axes_[2]; }
 
-    /// s: area across the ray that one pixel sees at a point in view space (METHODS A):
+    /// s: area across the ray that one pixel sees at a point in view space:
     /// orthographic (h/res_y)²; perspective (2 z tan(fov/2)/res_y)²·cosβ, β between ray and axis.
     [[nodiscard]] double pixel_area(const Vec3& view) const;
 

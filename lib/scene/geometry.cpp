@@ -38,11 +38,6 @@ std::optional<SurfacePoint> SurfaceGeometry::throw_point(std::size_t, const std:
 
 Vec3 SurfaceGeometry::shading_normal(std::size_t, const Vec3&, const Vec3& geometric) const { return geometric; }
 
-Vec3 SurfaceGeometry::flat_normal(std::size_t patch) const {
-    const Body b = body(patch);
-    return cross(b.edge[0], b.edge[1]);
-}
-
 Vec3 SurfaceGeometry::color(const Vec3&) const { return Vec3(0.0); }
 
 bool has_geometry(const Shape& shape) {
@@ -54,14 +49,17 @@ bool has_geometry(const Shape& shape) {
 
 std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface) {
     const auto make = [&]() -> std::unique_ptr<SurfaceGeometry> {
+        if (!has_geometry(surface.shape)) throw input_error("shapes of this kind have no geometry yet");
         if (const auto* shape = std::get_if<ImplicitShape>(&surface.shape)) return make_implicit(surface, *shape);
         if (const auto* shape = std::get_if<MeshShape>(&surface.shape)) return make_mesh(surface, *shape);
         if (const auto* shape = std::get_if<RectangleShape>(&surface.shape)) return make_rectangle(surface, *shape);
         if (const auto* shape = std::get_if<IsosurfaceShape>(&surface.shape)) return make_isosurface(surface, *shape);
-        throw input_error("this kind of shape has no geometry yet");
+        return nullptr;  // not reached
     };
     try {
-        return make();
+        auto geometry = make();
+        if (geometry->patch_count() == 0) warn("surface \"{}\": nothing of it is left to draw", surface.name);
+        return geometry;
     } catch (const Error& error) {
         throw Error(error.kind(), fmt::format("surface \"{}\": {}", surface.name, error.what()));
     }

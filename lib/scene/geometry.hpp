@@ -74,8 +74,6 @@ public:
     [[nodiscard]] virtual bool excludes(std::size_t patch, const Body& part) const;
     /// Normal for shading at a point of the patch, world, not normalised.
     [[nodiscard]] virtual Vec3 shading_normal(std::size_t patch, const Vec3& point, const Vec3& geometric) const;
-    /// Geometric normal at a point of a flat patch, world, not normalised.
-    [[nodiscard]] Vec3 flat_normal(std::size_t patch) const;
     [[nodiscard]] virtual Box bounds() const = 0;
     /// Colour that replaces the surface's own, linear: rectangles with an image.
     [[nodiscard]] virtual bool has_color() const { return false; }

@@ -166,7 +166,7 @@ private:
         for (int k = 0; k + 1 < nz; ++k)
             for (int j = 0; j + 1 < ny; ++j)
                 for (int i = 0; i + 1 < nx; ++i) {
-                    const std::size_t first = sample(i, j, k);
+                    const std::size_t first = grid_.index(i, j, k);
                     int above = 0;
                     bool finite = true;
                     for (int corner = 0; corner < 8; ++corner) {
@@ -183,12 +183,7 @@ private:
         if (lost > 0) warn("isosurface: {} cells with a NaN or infinite voxel are empty", lost);
     }
 
-    [[nodiscard]] std::size_t sample(int i, int j, int k) const {
-        return static_cast<std::size_t>(i) +
-               static_cast<std::size_t>(grid_.size[0]) *
-                   (static_cast<std::size_t>(j) + static_cast<std::size_t>(grid_.size[1]) * static_cast<std::size_t>(k));
-    }
-    [[nodiscard]] std::size_t step(int corner) const { return sample(corner & 1, (corner >> 1) & 1, corner >> 2); }
+    [[nodiscard]] std::size_t step(int corner) const { return grid_.index(corner & 1, (corner >> 1) & 1, corner >> 2); }
 
     [[nodiscard]] glm::ivec3 origin(std::size_t patch) const {
         const auto nx = static_cast<std::uint64_t>(grid_.size[0]);
@@ -220,11 +215,9 @@ std::unique_ptr<SurfaceGeometry> make_isosurface(const Surface& surface, const I
     const bool has_cells = std::ranges::all_of(grid.size, [](int n) { return n > 1; });
     auto geometry = std::make_unique<IsosurfaceGeometry>(std::move(grid), shape.isovalue, surface.to_world);
     if (!has_cells)
-        warn("surface \"{}\": {} has one sample along an axis, so no cell: nothing to draw", surface.name,
-             shape.volume.string());
+        warn("{} has one sample along an axis, so no cell", shape.volume.string());
     else if (geometry->patch_count() == 0)
-        warn("surface \"{}\": {} never crosses isovalue {}: nothing to draw", surface.name, shape.volume.string(),
-             shape.isovalue);
+        warn("{} never crosses isovalue {}", shape.volume.string(), shape.isovalue);
     return geometry;
 }
 

@@ -1,8 +1,7 @@
 #include "scene/prepared_scene.hpp"
 
+#include <algorithm>
 #include <cmath>
-
-#include "core/error.hpp"
 
 namespace pellucid {
 
@@ -23,6 +22,11 @@ double Object::opacity(double cos_theta) const {
     return -std::expm1(std::log1p(-surface.opacity) / cos_theta);
 }
 
+double Object::optical_depth(double cos_theta, double most_opacity) const {
+    const double straight_on = -std::log1p(-std::min(surface.opacity, most_opacity));
+    return surface.opacity_law == OpacityLaw::oblique ? straight_on / cos_theta : straight_on;
+}
+
 std::size_t PreparedScene::bytes() const {
     std::size_t sum = 0;
     for (const Object& object : objects) sum += object.geometry->bytes();
@@ -33,8 +37,6 @@ PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
     std::vector<Object> objects;
     Box visible;
     for (const Surface& surface : scene.surfaces) {
-        if (!surface.contours.empty())
-            throw input_error("{}: surface \"{}\": contours are drawn by no method yet", scene.source, surface.name);
         objects.push_back({surface, make_geometry(surface), surface.to_world.inverse()});
         if (objects.back().geometry->patch_count() > 0) visible.include(objects.back().geometry->bounds());
     }

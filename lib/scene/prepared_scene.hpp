@@ -19,6 +19,8 @@ struct Object {
     [[nodiscard]] bool keeps(const Vec3& world) const;
     /// Opacity of one crossing under angle θ by the surface's law; `cos_theta` = |cosθ| in (0, 1].
     [[nodiscard]] double opacity(double cos_theta) const;
+    /// −ln(1 − opacity(cos_theta)), with the straight-on opacity taken as at most `most_opacity` < 1.
+    [[nodiscard]] double optical_depth(double cos_theta, double most_opacity) const;
 };
 
 struct PreparedScene {

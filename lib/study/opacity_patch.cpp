@@ -63,7 +63,7 @@ struct Stage {
     bool perspective;
     double distance;  // camera to that plane
 
-    /// 1/s at a world point, from the definition of s (METHODS A).
+    /// 1/s at a world point, from the definition of s (Camera::pixel_area).
     [[nodiscard]] double pixels_per_area(const Vec3& p) const {
         if (!perspective) return 1;
         const Vec3 from_eye(p.x, p.y, distance - p.z);

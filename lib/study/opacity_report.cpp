@@ -88,7 +88,7 @@ void OpacityReport::write_row(const OpacityRow& row, const Ring* ring, const Rin
     const bool flat = row.view.shape == PatchShape::flat;
     const bool any = ring != nullptr && !ring->members.empty();
     const auto theory = any ? std::optional(ring_theory(*ring, static_cast<double>(row.count))) : std::nullopt;
-    csv_->row("cpu", name_of(row.view.shape), row.view.projection == Projection::perspective ? "perspective" : "orthographic",
+    csv_->row(row.backend, name_of(row.view.shape), row.view.projection == Projection::perspective ? "perspective" : "orthographic",
               row.view.ratio, row.count, flat ? Cell(row.view.tilt_deg) : Cell(), ring ? Cell(ring->theta_lo_deg) : Cell(),
               ring ? Cell(ring->theta_hi_deg) : Cell(), row.repeats, ring ? Cell(ring->pixels) : Cell(),
               ring ? ring->members.size() : 0, draw ? Cell(draw->alpha()) : Cell(), theory ? Cell(theory->mean) : Cell(),

@@ -9,6 +9,7 @@
 namespace pellucid {
 
 struct OpacityRow {
+    std::string backend;
     PatchView view;
     std::int64_t count = 0;
     std::int64_t repeats = 0;
