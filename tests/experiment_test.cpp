@@ -311,8 +311,8 @@ TEST_F(ExperimentTest, OutThatIsAFileIsTwo) {
 }
 
 TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
-    std::vector<std::string> outs{(folder / "no/such/parent").string(), (folder / "fake.toml/below").string(),
-                                  "/proc/results"};
+    std::vector<std::string> outs{(folder / "fake.toml/below").string(),
+                                  (folder / "fake.toml/far/below").string(), "/proc/no/results"};
     if (geteuid() != 0) {
         fs::create_directories(folder / "closed");
         fs::permissions(folder / "closed", fs::perms::owner_read);
@@ -323,6 +323,14 @@ TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
         EXPECT_EQ(r.code, 4) << bad;
         expect_one_line(r.err);
     }
+}
+
+TEST_F(ExperimentTest, MissingParentsOfOutAreMade) {
+    out = folder / "not/yet/there";
+    const Run r = run({});
+    EXPECT_EQ(r.code, 0) << r.err;
+    EXPECT_EQ(summary()["preset"], "default");
+    EXPECT_TRUE(fs::exists(out / "table.csv"));
 }
 
 TEST_F(ExperimentTest, OutMayEndWithASlashOrBeALink) {

@@ -65,23 +65,22 @@ fs::path standard_config(const std::string& name) {
 
 /// The folder of the results, checked but not made.
 fs::path results_folder(const std::string& name, const std::string& given) {
-    std::error_code failure;
-    if (given.empty()) {
-        fs::create_directories("results", failure);  // a failure shows when the folder below is made
-        return fs::absolute(fs::path("results") / name);
-    }
+    if (given.empty()) return fs::absolute(fs::path("results") / name);
     fs::path out = fs::absolute(given).lexically_normal();
     if (!out.has_filename()) out = out.parent_path();  // a slash at the end
+    std::error_code failure;
     const fs::file_status status = fs::status(out, failure);
     if (fs::exists(status) && !fs::is_directory(status))
         throw input_error("--out {}: is a file, expected a folder", one_line(given));
     return out;
 }
 
-/// A new empty folder on the same file system as `out`: inside it if it is there, else beside it.
+/// A new empty folder on the same file system as `out`: inside it if it is there, else beside it, where
+/// missing parents are made.
 fs::path make_folder_aside(const fs::path& out) {
     std::error_code failure;
     const bool there = fs::is_directory(out, failure);
+    if (!there) fs::create_directories(out.parent_path(), failure);  // a failure shows in the next lines
     std::string name = (there ? out : out.parent_path()).string();
     name += fmt::format("/.{}.partial-XXXXXX", out.filename().string());
     if (mkdtemp(name.data()) == nullptr)
