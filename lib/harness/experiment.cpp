@@ -124,7 +124,6 @@ struct Experiment::State {
     std::string date = utc_now();
     Config config;
     std::vector<std::string> scene_overrides;
-    bool scene_read = false;
     Seed seed;
     fs::path out;
     fs::path aside;
@@ -142,10 +141,13 @@ Experiment::Experiment(ExperimentInfo info, ExperimentOptions options) {
     s.config.apply_preset(s.options.preset, kPresets);
     for (const std::string& assignment : s.options.overrides) {
         const bool known_here = s.config.holds(assignment.substr(0, assignment.find_first_of(".=")));
-        if (is_scene_override(assignment) && !known_here)
+        if (!is_scene_override(assignment) || known_here)
+            s.config.apply_override(assignment);
+        else if (s.info.reads_scene)
             s.scene_overrides.push_back(assignment);
         else
-            s.config.apply_override(assignment);
+            throw input_error("--set {}: unknown key, this experiment reads no scene file",
+                              one_line(assignment.substr(0, assignment.find('=')), 100));
     }
     const std::int64_t configured = s.config.root().integer("seed", 1, {.lo = 0});
     s.seed = {s.options.seed.value_or(static_cast<std::uint64_t>(configured))};
@@ -173,7 +175,7 @@ Seed Experiment::seed() const {
 }
 
 Scene Experiment::scene(const fs::path& file) {
-    state_->scene_read = true;
+    if (!state_->info.reads_scene) throw std::logic_error("an experiment that says it reads no scene reads one");
     return load_scene(file, state_->scene_overrides);
 }
 
@@ -240,11 +242,6 @@ std::unique_ptr<Progress> Experiment::progress(const std::string& label, std::si
 int Experiment::finish() {
     State& s = *state_;
     finish_config();
-    if (!s.scene_read && !s.scene_overrides.empty()) {
-        const std::string& first = s.scene_overrides.front();
-        throw input_error("--set {}: unknown key, this experiment reads no scene file",
-                          one_line(first.substr(0, first.find('=')), 100));
-    }
     for (CsvWriter& table : s.tables) table.close();
 
     // The summary
