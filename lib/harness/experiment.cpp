@@ -17,6 +17,7 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "harness/provenance.hpp"
+#include "io/atomic_file.hpp"
 #include "io/image_file.hpp"
 #include "scene/scene_file.hpp"
 
@@ -86,13 +87,6 @@ fs::path make_folder_aside(const fs::path& out) {
     if (mkdtemp(name.data()) == nullptr)
         throw run_error("--out {}: cannot be written ({})", one_line(out.string()), std::strerror(errno));
     return name;
-}
-
-void write_text(const fs::path& file, const std::string& text) {
-    std::ofstream out(file, std::ios::binary);
-    out << text;
-    out.close();
-    if (!out) throw run_error("{}: cannot be written", file.string());
 }
 
 /// What the summary of an older run says it wrote. A summary is a file like any other: only plain
@@ -210,7 +204,7 @@ void Experiment::png(const std::string& name, const Image& image, const Vec3& ba
 }
 
 void Experiment::json(const std::string& name, const std::string& text) {
-    write_text(result(name, ".json"), text);
+    write_text_file(result(name, ".json"), text);
 }
 
 void Experiment::check(const std::string& name, double value, const std::string& relation, double limit) {
@@ -285,7 +279,7 @@ int Experiment::finish() {
     summary["config"] = Json::parse(s.config.to_json());
     summary["wall_s"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - s.start).count();
     summary["peak_rss_bytes"] = peak_rss_bytes();
-    write_text(s.aside / kSummary, summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+    write_text_file(s.aside / kSummary, summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 
     // Everything in place, file by file; the summary last, so that it never speaks of what is not there.
     std::set<std::string> stale = files_of_older_run(s.out);
