@@ -181,6 +181,6 @@ void run(Experiment& ex) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    return run_experiment(argc, argv, {"fused_head", "Does a head drawn by opaque particles equal its ray-traced truth?"},
+    return run_experiment(argc, argv, {"fused_head", "Does a head drawn by opaque particles equal its ray-traced truth?", true},
                           run);
 }

@@ -337,11 +337,5 @@ TEST(NearestName, FindsSwapsAndSlipsButNotStrangers) {
     EXPECT_EQ(nearest_name("x", {}), std::nullopt);
 }
 
-TEST(OneLine, HasNoControlCharactersAndEndsAtALetter) {
-    EXPECT_EQ(one_line("a\nb\tc"), "a?b?c");
-    EXPECT_EQ(one_line("abcdef", 3), "abc…");
-    EXPECT_EQ(one_line("ab\u00e9f", 3), "ab…");  // é is two bytes
-}
-
 }  // namespace
 }  // namespace pellucid

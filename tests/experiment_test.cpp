@@ -69,17 +69,19 @@ protected:
     }
 
     [[nodiscard]] Run run(std::vector<std::string> words,
-                          const std::function<void(Experiment&)>& what = body) const {
+                          const std::function<void(Experiment&)>& what = body,
+                          bool reads_scene = false) const {
         words.insert(words.begin(),
                      {"fake", "--config", (folder / "fake.toml").string(), "--out", out.string()});
-        return run_bare(std::move(words), what);
+        return run_bare(std::move(words), what, reads_scene);
     }
-    static Run run_bare(std::vector<std::string> words, const std::function<void(Experiment&)>& what = body) {
+    static Run run_bare(std::vector<std::string> words, const std::function<void(Experiment&)>& what = body,
+                        bool reads_scene = false) {
         std::vector<char*> argv;
         for (std::string& word : words) argv.push_back(word.data());
         testing::internal::CaptureStderr();
         const int code =
-            run_experiment(static_cast<int>(argv.size()), argv.data(), {"fake", "Is it so?"}, what);
+            run_experiment(static_cast<int>(argv.size()), argv.data(), {"fake", "Is it so?", reads_scene}, what);
         return {code, testing::internal::GetCapturedStderr()};
     }
     [[nodiscard]] std::string text(const std::string& file) const {
@@ -311,8 +313,8 @@ TEST_F(ExperimentTest, OutThatIsAFileIsTwo) {
 }
 
 TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
-    std::vector<std::string> outs{(folder / "no/such/parent").string(), (folder / "fake.toml/below").string(),
-                                  "/proc/results"};
+    std::vector<std::string> outs{(folder / "fake.toml/below").string(),
+                                  (folder / "fake.toml/far/below").string(), "/proc/no/results"};
     if (geteuid() != 0) {
         fs::create_directories(folder / "closed");
         fs::permissions(folder / "closed", fs::perms::owner_read);
@@ -323,6 +325,14 @@ TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
         EXPECT_EQ(r.code, 4) << bad;
         expect_one_line(r.err);
     }
+}
+
+TEST_F(ExperimentTest, MissingParentsOfOutAreMade) {
+    out = folder / "not/yet/there";
+    const Run r = run({});
+    EXPECT_EQ(r.code, 0) << r.err;
+    EXPECT_EQ(summary()["preset"], "default");
+    EXPECT_TRUE(fs::exists(out / "table.csv"));
 }
 
 TEST_F(ExperimentTest, OutMayEndWithASlashOrBeALink) {
@@ -342,12 +352,20 @@ TEST_F(ExperimentTest, SceneOverridesReachTheScene) {
         const Run r = run(words, [&](Experiment& ex) {
             (void)ex.config(read_settings);
             found = ex.scene(folder / "s.toml").image.width;
-        });
+        }, true);
         return r.code == 0 ? found : -r.code;
     };
     EXPECT_EQ(width({}), 8);
     EXPECT_EQ(width({"--set", "image.resolution=[32,32]"}), 32);
     EXPECT_EQ(width({"--set", "image.resolutoin=[32,32]"}), -2);
+}
+
+TEST_F(ExperimentTest, SceneOverridesWithoutASceneAreRefusedBeforeTheRun) {
+    bool ran = false;
+    const Run r = run({"--set", "surface.ring.opacity=1"}, [&](Experiment&) { ran = true; });
+    EXPECT_EQ(r.code, 2);
+    EXPECT_NE(r.err.find("--set surface.ring.opacity: "), std::string::npos) << r.err;
+    EXPECT_FALSE(ran);
 }
 
 TEST_F(ExperimentTest, SeedComesFromTheOptionThenTheConfigThenOne) {

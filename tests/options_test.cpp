@@ -18,6 +18,7 @@ struct Parsed {
     std::string scene;
     bool plan = false;
     std::optional<double> max_error;
+    double scale = 2;
     bool run = false;
 };
 
@@ -27,6 +28,7 @@ Parsed parse(std::vector<const char*> words) {
     arguments.positional("SCENE", p.scene, "scene file", false);
     arguments.flag("--plan", p.plan, "plan");
     arguments.option("--max-error", p.max_error, "limit");
+    arguments.option("--scale", p.scale, "factor");
     add_experiment_options(arguments, p.options);
     words.insert(words.begin(), "tool");
     p.run = arguments.parse(static_cast<int>(words.size()), words.data());
@@ -44,6 +46,7 @@ TEST(Options, WithoutArgumentsAreTheDefaults) {
     EXPECT_TRUE(p.options.overrides.empty());
     EXPECT_FALSE(p.options.quiet || p.plan);
     EXPECT_EQ(p.max_error, std::nullopt);
+    EXPECT_EQ(p.scale, 2);
 }
 
 TEST(Options, AllAreRead) {
@@ -69,7 +72,9 @@ TEST(Options, AllAreRead) {
                             "--quiet",
                             "--plan",
                             "--max-error",
-                            "1e-3"});
+                            "1e-3",
+                            "--scale",
+                            "-0.5"});
     EXPECT_EQ(p.options.config, "c.toml");
     EXPECT_EQ(p.options.preset, "paper");
     EXPECT_EQ(p.options.backend, Backend::all);
@@ -81,6 +86,7 @@ TEST(Options, AllAreRead) {
     EXPECT_TRUE(p.options.quiet && p.plan);
     EXPECT_EQ(p.scene, "s.toml");
     EXPECT_EQ(p.max_error, 1e-3);
+    EXPECT_EQ(p.scale, -0.5);
 }
 
 TEST(Options, SetTakesAnythingAsItStands) {
@@ -103,11 +109,13 @@ TEST(Options, BadOnesAreOneLineThatNamesThem) {
         {{"--threads", "two"}, "--threads two"},
         {{"--max-error", "nan"}, "--max-error nan: expected a finite number"},
         {{"--max-error", "1x"}, "--max-error 1x"},
+        {{"--scale", "inf"}, "--scale inf: expected a finite number"},
+        {{"--scale", "2 "}, "--scale 2 : expected a finite number"},
         {{"--seed"}, "--seed"},
         {{"--set"}, "--set"},
         {{"--seed", "1", "--seed", "2"}, "--seed"},
         {{"--nonsense"}, "--nonsense"},
-        {{"s.toml", "two\nlines"}, "two?lines"},
+        {{"s.toml", "two\nlines"}, "two lines"},
         {{"--quiet=maybe"}, "quiet"},
     };
     for (const auto& [words, message] : cases) try {
@@ -176,7 +184,7 @@ TEST(GuardedMain, MapsFailuresToExitCodesAndOneLine) {
     };
     run([] { return 0; }, 0, "");
     run([] { return 1; }, 1, "");
-    run([]() -> int { throw input_error("a.toml:1: {}", "bad\nvalue"); }, 2, "tool: a.toml:1: bad?value\n");
+    run([]() -> int { throw input_error("a.toml:1: {}", "bad\nvalue"); }, 2, "tool: a.toml:1: bad value\n");
     run([]() -> int { throw Error(Failure::device, "none"); }, 3, "tool: none\n");
     run([]() -> int { throw run_error("disk full"); }, 4, "tool: disk full\n");
     run([]() -> int { throw std::bad_alloc(); }, 4, "tool: out of memory\n");

@@ -3,21 +3,16 @@
 // compare TEST.exr TRUTH.exr [--metric M] [--max METRIC=V]… [--min METRIC=V]… [--map OUT.png] [--json]
 // Exit 0: fine; 1: past a limit; 2: bad input; 4: the map could not be written.
 #include <cstdio>
-#include <exception>
 #include <string>
 #include <vector>
 
-#include <CLI/CLI.hpp>
-
-#include "core/error.hpp"
+#include "harness/options.hpp"
 #include "io/image_file.hpp"
 #include "measure/comparison.hpp"
 
 namespace {
 
 using namespace pellucid;
-
-constexpr const char* kVersion = "compare (Pellucid) 0.1.0";
 
 struct Options {
     std::string test;
@@ -30,21 +25,6 @@ struct Options {
     std::string map;
     bool json = false;
 };
-
-void declare(CLI::App& app, Options& options) {
-    app.set_version_flag("--version", kVersion);
-    app.add_option("TEST", options.test, "the picture to judge, OpenEXR")->required();
-    app.add_option("TRUTH", options.truth, "the picture it should be, OpenEXR")->required();
-    app.add_option("--metric", options.metric, "rmse, mae, psnr, ssim, flip or all")->capture_default_str();
-    app.add_option("--max", options.max, "METRIC=V: exit 1 where the metric is above V; repeatable")
-        ->allow_extra_args(false);
-    app.add_option("--min", options.min, "METRIC=V: exit 1 where the metric is below V; repeatable")
-        ->allow_extra_args(false);
-    app.add_option("--background", options.background, "r,g,b, linear")->capture_default_str();
-    app.add_option("--ppd", options.ppd, "pixels per degree of visual angle, for FLIP")->capture_default_str();
-    app.add_option("--map", options.map, "PNG: FLIP map if FLIP is computed, else absolute error");
-    app.add_flag("--json", options.json, "print one JSON object");
-}
 
 ComparisonSettings settings_of(const Options& options) {
     ComparisonSettings settings;
@@ -72,26 +52,22 @@ int compare(const Options& options) {
     return comparison.passed() ? 0 : 1;
 }
 
-int fail(const std::string& message, int code) {
-    std::fputs(("error: " + message + "\n").c_str(), stderr);
-    return code;
-}
-
 }  // namespace
 
 int main(int argc, char** argv) {
-    CLI::App app{"Compares two pictures: RGB over a background, linear."};
-    Options options;
-    declare(app, options);
-    try {
-        app.parse(argc, argv);
+    return guarded_main("compare", [&] {
+        Options options;
+        Arguments arguments("compare", "Compares two pictures: RGB over a background, linear.");
+        arguments.positional("TEST", options.test, "the picture to judge, OpenEXR");
+        arguments.positional("TRUTH", options.truth, "the picture it should be, OpenEXR");
+        arguments.option("--metric", options.metric, "rmse, mae, psnr, ssim, flip or all (default)");
+        arguments.repeated("--max", options.max, "exit 1 where the metric is above V; repeatable", "METRIC=V");
+        arguments.repeated("--min", options.min, "exit 1 where the metric is below V; repeatable", "METRIC=V");
+        arguments.option("--background", options.background, "r,g,b, linear (default 0,0,0)");
+        arguments.option("--ppd", options.ppd, "pixels per degree of visual angle, for FLIP (default 67.02)");
+        arguments.option("--map", options.map, "PNG: FLIP map if FLIP is computed, else absolute error");
+        arguments.flag("--json", options.json, "print one JSON object");
+        if (!arguments.parse(argc, argv)) return 0;
         return compare(options);
-    } catch (const CLI::ParseError& error) {
-        if (error.get_exit_code() == 0) return app.exit(error);  // --help, --version
-        return fail(error.what(), static_cast<int>(Failure::input));
-    } catch (const Error& error) {
-        return fail(error.what(), error.exit_code());
-    } catch (const std::exception& error) {
-        return fail(error.what(), static_cast<int>(Failure::run));
-    }
+    });
 }

@@ -5,8 +5,10 @@
 // also the exit code of every command.
 #pragma once
 
+#include <cstddef>
 #include <stdexcept>
 #include <string>
+#include <string_view>
 
 #include <fmt/core.h>
 
@@ -39,6 +41,11 @@ template <class... Args>
 [[nodiscard]] Error run_error(fmt::format_string<Args...> format, Args&&... args) {
     return {Failure::run, fmt::format(format, std::forward<Args>(args)...)};
 }
+
+/// Foreign text (a value, a name, a library's message) as part of one line: control characters become
+/// blanks, several together one and none at the ends; more than `limit` bytes are cut between
+/// characters of UTF-8 and end with "…".
+[[nodiscard]] std::string one_line(std::string_view text, std::size_t limit = 400);
 
 /// One line on stderr, "warning: …": something was left out or mended, and how often.
 void warn(const std::string& message);

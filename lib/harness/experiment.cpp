@@ -17,6 +17,7 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "harness/provenance.hpp"
+#include "io/atomic_file.hpp"
 #include "io/image_file.hpp"
 #include "scene/scene_file.hpp"
 
@@ -65,35 +66,27 @@ fs::path standard_config(const std::string& name) {
 
 /// The folder of the results, checked but not made.
 fs::path results_folder(const std::string& name, const std::string& given) {
-    std::error_code failure;
-    if (given.empty()) {
-        fs::create_directories("results", failure);  // a failure shows when the folder below is made
-        return fs::absolute(fs::path("results") / name);
-    }
+    if (given.empty()) return fs::absolute(fs::path("results") / name);
     fs::path out = fs::absolute(given).lexically_normal();
     if (!out.has_filename()) out = out.parent_path();  // a slash at the end
+    std::error_code failure;
     const fs::file_status status = fs::status(out, failure);
     if (fs::exists(status) && !fs::is_directory(status))
         throw input_error("--out {}: is a file, expected a folder", one_line(given));
     return out;
 }
 
-/// A new empty folder on the same file system as `out`: inside it if it is there, else beside it.
+/// A new empty folder on the same file system as `out`: inside it if it is there, else beside it, where
+/// missing parents are made.
 fs::path make_folder_aside(const fs::path& out) {
     std::error_code failure;
     const bool there = fs::is_directory(out, failure);
+    if (!there) fs::create_directories(out.parent_path(), failure);  // a failure shows in the next lines
     std::string name = (there ? out : out.parent_path()).string();
     name += fmt::format("/.{}.partial-XXXXXX", out.filename().string());
     if (mkdtemp(name.data()) == nullptr)
         throw run_error("--out {}: cannot be written ({})", one_line(out.string()), std::strerror(errno));
     return name;
-}
-
-void write_text(const fs::path& file, const std::string& text) {
-    std::ofstream out(file, std::ios::binary);
-    out << text;
-    out.close();
-    if (!out) throw run_error("{}: cannot be written", file.string());
 }
 
 /// What the summary of an older run says it wrote. A summary is a file like any other: only plain
@@ -125,7 +118,6 @@ struct Experiment::State {
     std::string date = utc_now();
     Config config;
     std::vector<std::string> scene_overrides;
-    bool scene_read = false;
     Seed seed;
     fs::path out;
     fs::path aside;
@@ -143,10 +135,13 @@ Experiment::Experiment(ExperimentInfo info, ExperimentOptions options) {
     s.config.apply_preset(s.options.preset, kPresets);
     for (const std::string& assignment : s.options.overrides) {
         const bool known_here = s.config.holds(assignment.substr(0, assignment.find_first_of(".=")));
-        if (is_scene_override(assignment) && !known_here)
+        if (!is_scene_override(assignment) || known_here)
+            s.config.apply_override(assignment);
+        else if (s.info.reads_scene)
             s.scene_overrides.push_back(assignment);
         else
-            s.config.apply_override(assignment);
+            throw input_error("--set {}: unknown key, this experiment reads no scene file",
+                              one_line(assignment.substr(0, assignment.find('=')), 100));
     }
     const std::int64_t configured = s.config.root().integer("seed", 1, {.lo = 0});
     s.seed = {s.options.seed.value_or(static_cast<std::uint64_t>(configured))};
@@ -174,7 +169,7 @@ Seed Experiment::seed() const {
 }
 
 Scene Experiment::scene(const fs::path& file) {
-    state_->scene_read = true;
+    if (!state_->info.reads_scene) throw std::logic_error("an experiment that says it reads no scene reads one");
     return load_scene(file, state_->scene_overrides);
 }
 
@@ -209,7 +204,7 @@ void Experiment::png(const std::string& name, const Image& image, const Vec3& ba
 }
 
 void Experiment::json(const std::string& name, const std::string& text) {
-    write_text(result(name, ".json"), text);
+    write_text_file(result(name, ".json"), text);
 }
 
 void Experiment::check(const std::string& name, double value, const std::string& relation, double limit) {
@@ -241,11 +236,6 @@ std::unique_ptr<Progress> Experiment::progress(const std::string& label, std::si
 int Experiment::finish() {
     State& s = *state_;
     finish_config();
-    if (!s.scene_read && !s.scene_overrides.empty()) {
-        const std::string& first = s.scene_overrides.front();
-        throw input_error("--set {}: unknown key, this experiment reads no scene file",
-                          one_line(first.substr(0, first.find('=')), 100));
-    }
     for (CsvWriter& table : s.tables) table.close();
 
     // The summary
@@ -289,7 +279,7 @@ int Experiment::finish() {
     summary["config"] = Json::parse(s.config.to_json());
     summary["wall_s"] = std::chrono::duration<double>(std::chrono::steady_clock::now() - s.start).count();
     summary["peak_rss_bytes"] = peak_rss_bytes();
-    write_text(s.aside / kSummary, summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
+    write_text_file(s.aside / kSummary, summary.dump(2, ' ', false, Json::error_handler_t::replace) + "\n");
 
     // Everything in place, file by file; the summary last, so that it never speaks of what is not there.
     std::set<std::string> stale = files_of_older_run(s.out);

@@ -39,6 +39,7 @@ namespace pellucid {
 struct ExperimentInfo {
     std::string name;      // of the binary, configs/NAME.toml and results/NAME
     std::string question;  // for --help
+    bool reads_scene = false;  // takes those --set that belong to scenes, too
 };
 
 /// Where something ran, for the summary.
@@ -64,7 +65,8 @@ public:
         return settings;
     }
     /// A scene, with those --set values laid over it that belong to scenes (and to no top-level key
-    /// of the configuration). Values that no scene took are an error at the end of the run.
+    /// of the configuration). Only where ExperimentInfo says reads_scene; elsewhere such a --set is
+    /// refused at the start.
     [[nodiscard]] Scene scene(const std::filesystem::path& file);
 
     [[nodiscard]] const ExperimentOptions& options() const;

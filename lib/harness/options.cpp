@@ -48,6 +48,17 @@ bool read_unsigned(const std::string& text, std::uint64_t& value) {
     return true;
 }
 
+bool read_finite(const std::string& text, double& value) {
+    double number = 0;
+    int used = 0;
+    if (text.empty() || std::isspace(static_cast<unsigned char>(text[0])) != 0 ||
+        std::sscanf(text.c_str(), "%lf%n", &number, &used) != 1 ||
+        static_cast<std::size_t>(used) != text.size() || !std::isfinite(number))
+        return false;
+    value = number;
+    return true;
+}
+
 }  // namespace
 
 Arguments::Arguments(const std::string& name, const std::string& description)
@@ -78,15 +89,15 @@ void Arguments::option(const std::string& names, std::optional<std::string>& val
         names, [&value](const std::string& text) { value = text; }, help);
 }
 
+void Arguments::option(const std::string& names, double& value, const std::string& help) {
+    parser_->read(names, std::ref(value), "a finite number", help, read_finite);
+}
+
 void Arguments::option(const std::string& names, std::optional<double>& value, const std::string& help) {
     parser_->read(names, std::ref(value), "a finite number", help,
                   [](const std::string& text, std::optional<double>& out) {
                       double number = 0;
-                      int used = 0;
-                      if (text.empty() || std::isspace(static_cast<unsigned char>(text[0])) != 0 ||
-                          std::sscanf(text.c_str(), "%lf%n", &number, &used) != 1 ||
-                          static_cast<std::size_t>(used) != text.size() || !std::isfinite(number))
-                          return false;
+                      if (!read_finite(text, number)) return false;
                       out = number;
                       return true;
                   });
@@ -128,8 +139,8 @@ void Arguments::choice(const std::string& names, const std::vector<std::string>&
 }
 
 void Arguments::repeated(const std::string& names, std::vector<std::string>& values,
-                         const std::string& help) {
-    parser_->app.add_option(names, values, help)->type_name("KEY=VALUE")->allow_extra_args(false);
+                         const std::string& help, const std::string& type) {
+    parser_->app.add_option(names, values, help)->type_name(type)->allow_extra_args(false);
 }
 
 void Arguments::positional(const std::string& name, std::string& value, const std::string& help,

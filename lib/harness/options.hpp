@@ -54,14 +54,16 @@ public:
     void flag(const std::string& names, bool& value, const std::string& help);
     void option(const std::string& names, std::string& value, const std::string& help, bool required = false);
     void option(const std::string& names, std::optional<std::string>& value, const std::string& help);
+    void option(const std::string& names, double& value, const std::string& help);
     void option(const std::string& names, std::optional<double>& value, const std::string& help);
     void option(const std::string& names, std::optional<std::uint64_t>& value, const std::string& help);
     void option(const std::string& names, int& value, int lo, int hi, const std::string& help);
     /// One of `choices`, which is given to `take`.
     void choice(const std::string& names, const std::vector<std::string>& choices,
                 const std::function<void(const std::string&)>& take, const std::string& help);
-    /// May be given more than once; each time with one value.
-    void repeated(const std::string& names, std::vector<std::string>& values, const std::string& help);
+    /// May be given more than once; each time with one value, which the help calls `type`.
+    void repeated(const std::string& names, std::vector<std::string>& values, const std::string& help,
+                  const std::string& type = "KEY=VALUE");
     /// Named in capitals in the help: SCENE.
     void positional(const std::string& name, std::string& value, const std::string& help,
                     bool required = true);

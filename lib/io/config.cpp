@@ -345,19 +345,6 @@ std::string Range::text() const {
     return infinite ? "a number" : "a finite number";
 }
 
-std::string one_line(std::string_view text, std::size_t limit) {
-    std::string out(text.substr(0, limit));
-    if (text.size() > limit) {
-        // Not in the middle of a character: continuation bytes of UTF-8 are 10xxxxxx.
-        while (!out.empty() && (static_cast<unsigned char>(text[out.size()]) & 0xC0U) == 0x80U)
-            out.pop_back();
-        out += "…";
-    }
-    for (char& c : out)
-        if (static_cast<unsigned char>(c) < 0x20 || c == 0x7f) c = '?';
-    return out;
-}
-
 std::optional<std::string> nearest_name(std::string_view name, std::span<const std::string> known) {
     std::optional<std::string> best;
     std::size_t best_distance = name.size() / 3 + 1;  // exclusive; a swap counts once, so "opcaity" is near

@@ -218,7 +218,4 @@ private:
 [[nodiscard]] std::optional<std::string> nearest_name(std::string_view name,
                                                       std::span<const std::string> known);
 
-/// `text` on one line: control characters become "?"; more than `limit` bytes are cut with "…".
-[[nodiscard]] std::string one_line(std::string_view text, std::size_t limit = 400);
-
 }  // namespace pellucid

@@ -62,17 +62,4 @@ std::string lower_extension(const std::filesystem::path& file) {
     return last == ".gz" ? lower(file.stem().extension().string()) + last : last;
 }
 
-std::string one_line(std::string_view message) {
-    constexpr std::size_t kLongest = 200;
-    std::string line;
-    for (const char c : message.substr(0, kLongest)) {
-        const bool blank = static_cast<unsigned char>(c) <= ' ' || c == '\x7f';
-        if (!blank) line += c;
-        if (blank && !line.empty() && line.back() != ' ') line += ' ';
-    }
-    if (message.size() > kLongest) line += "…";
-    while (!line.empty() && line.back() == ' ') line.pop_back();
-    return line;
-}
-
 }  // namespace pellucid

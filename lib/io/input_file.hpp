@@ -4,7 +4,6 @@
 #include <cstdint>
 #include <filesystem>
 #include <string>
-#include <string_view>
 
 namespace pellucid {
 
@@ -25,9 +24,5 @@ inline constexpr std::uint64_t kMostInflation = 1032;
 
 /// ".nii.gz", ".ply", … in lower case; empty where the name has none.
 [[nodiscard]] std::string lower_extension(const std::filesystem::path& file);
-
-/// A library's message as part of one line: line breaks and control characters become blanks, and
-/// what is longer than a line on a screen is cut.
-[[nodiscard]] std::string one_line(std::string_view message);
 
 }  // namespace pellucid
