@@ -181,6 +181,9 @@ void run(Experiment& ex) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    return run_experiment(argc, argv, {"fused_head", "Does a head drawn by opaque particles equal its ray-traced truth?", true},
+    return run_experiment(argc, argv,
+                          {.name = "fused_head",
+                           .question = "Does a head drawn by opaque particles equal its ray-traced truth?",
+                           .reads_scene = true},
                           run);
 }

@@ -80,8 +80,8 @@ protected:
         std::vector<char*> argv;
         for (std::string& word : words) argv.push_back(word.data());
         testing::internal::CaptureStderr();
-        const int code =
-            run_experiment(static_cast<int>(argv.size()), argv.data(), {"fake", "Is it so?", reads_scene}, what);
+        const int code = run_experiment(static_cast<int>(argv.size()), argv.data(),
+                                        {"fake", "Is it so?", reads_scene}, what);
         return {code, testing::internal::GetCapturedStderr()};
     }
     [[nodiscard]] std::string text(const std::string& file) const {
@@ -329,6 +329,8 @@ TEST_F(ExperimentTest, OutThatCannotBeMadeIsFour) {
 
 TEST_F(ExperimentTest, MissingParentsOfOutAreMade) {
     out = folder / "not/yet/there";
+    EXPECT_EQ(run({"--set", "cuonts=[1]"}).code, 2);
+    EXPECT_EQ(tree(), std::set<std::string>{"fake.toml"});  // and go again where the run fails
     const Run r = run({});
     EXPECT_EQ(r.code, 0) << r.err;
     EXPECT_EQ(summary()["preset"], "default");

@@ -61,8 +61,8 @@ int main(int argc, char** argv) {
         arguments.positional("TEST", options.test, "the picture to judge, OpenEXR");
         arguments.positional("TRUTH", options.truth, "the picture it should be, OpenEXR");
         arguments.option("--metric", options.metric, "rmse, mae, psnr, ssim, flip or all (default)");
-        arguments.repeated("--max", options.max, "exit 1 where the metric is above V; repeatable", "METRIC=V");
-        arguments.repeated("--min", options.min, "exit 1 where the metric is below V; repeatable", "METRIC=V");
+        arguments.repeated("--max", options.max, "exit 1 where the metric is above V", "METRIC=V");
+        arguments.repeated("--min", options.min, "exit 1 where the metric is below V", "METRIC=V");
         arguments.option("--background", options.background, "r,g,b, linear (default 0,0,0)");
         arguments.option("--ppd", options.ppd, "pixels per degree of visual angle, for FLIP (default 67.02)");
         arguments.option("--map", options.map, "PNG: FLIP map if FLIP is computed, else absolute error");

@@ -121,6 +121,7 @@ struct Experiment::State {
     Seed seed;
     fs::path out;
     fs::path aside;
+    std::vector<fs::path> new_parents;  // of `out`, innermost first: go again where the run fails
     std::vector<std::string> files;  // relative to the folder, in the order of writing
     std::deque<CsvWriter> tables;    // a deque: references hold
     std::vector<Check> checks;
@@ -146,6 +147,9 @@ Experiment::Experiment(ExperimentInfo info, ExperimentOptions options) {
     const std::int64_t configured = s.config.root().integer("seed", 1, {.lo = 0});
     s.seed = {s.options.seed.value_or(static_cast<std::uint64_t>(configured))};
     s.out = results_folder(s.info.name, s.options.out);
+    std::error_code failure;
+    for (fs::path parent = s.out.parent_path(); parent.has_relative_path(); parent = parent.parent_path())
+        if (!fs::exists(parent, failure)) s.new_parents.push_back(parent);
     s.aside = make_folder_aside(s.out);
 }
 
@@ -153,6 +157,7 @@ Experiment::~Experiment() {
     state_->tables.clear();
     std::error_code ignored;
     fs::remove_all(state_->aside, ignored);
+    for (const fs::path& parent : state_->new_parents) fs::remove(parent, ignored);  // only if empty
 }
 
 ConfigTable Experiment::config_table() const {
@@ -169,7 +174,7 @@ Seed Experiment::seed() const {
 }
 
 Scene Experiment::scene(const fs::path& file) {
-    if (!state_->info.reads_scene) throw std::logic_error("an experiment that says it reads no scene reads one");
+    if (!state_->info.reads_scene) throw std::logic_error("a scene is read against ExperimentInfo");
     return load_scene(file, state_->scene_overrides);
 }
 
