@@ -107,6 +107,8 @@ int run(RenderOptions options) {
     const std::filesystem::path output(options.output);
     if (!options.plan && output.extension() != ".exr" && output.extension() != ".png")
         throw input_error("-o {}: expected a name that ends in .exr or .png", options.output);
+    if (options.stats && *options.stats == options.output)
+        throw input_error("--stats {}: the image goes there", *options.stats);
     const auto crop = options.crop ? std::optional(parse_crop(*options.crop, scene.image)) : std::nullopt;
     if (options.max_error && !(*options.max_error > 0))
         throw input_error("--max-error {}: expected > 0", *options.max_error);

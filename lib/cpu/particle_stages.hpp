@@ -38,6 +38,9 @@ private:
     int width_;
 };
 
+/// Brightest colour that the sums hold without cutting it.
+inline constexpr double kMostParticleColor = 65536;
+
 /// Sums over repeats, in integers, so that their order does not matter. Colours in units of 1/65535;
 /// a channel is cut at 2^32 − 1 units, that is 65537.
 struct EnsembleSums {

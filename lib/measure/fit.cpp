@@ -226,6 +226,14 @@ std::optional<CountLawComparison> compare_count_laws(std::span<const OpacityPoin
     CountLawComparison both{.binomial = law_side(points, CountKind::fixed, level),
                             .poisson = law_side(points, CountKind::poisson, level)};
     if (!both.binomial.free_area.converged || !both.poisson.free_area.converged) return std::nullopt;
+    for (const OpacityPoint& point : points) {
+        double fixed = 0;
+        double poisson = 0;
+        if (!informative(point) || !model_opacity(point, CountKind::fixed, 1.0, 1.0, fixed) ||
+            !model_opacity(point, CountKind::poisson, 1.0, 1.0, poisson))
+            continue;
+        both.expected_delta_chi2 += (poisson - fixed) * (poisson - fixed) / point.alpha_variance;
+    }
     both.delta_chi2_theory = both.poisson.chi2_theory - both.binomial.chi2_theory;
     both.delta_chi2_free = both.poisson.free_area.chi2 - both.binomial.free_area.chi2;
 

@@ -64,7 +64,8 @@ enum class OpacityModel { effective_area, tilt_exponent, both };
 [[nodiscard]] FitResult test_opacity(std::span<const OpacityPoint> points);
 
 /// A fixed number of particles, α = 1 − (1 − a·s/(S cosθ))^n, against a Poisson number of the same
-/// mean, α = 1 − exp(−n a·s/(S cosθ)).
+/// mean, α = 1 − exp(−n a·s/(S cosθ)). Mean curves only: both sides use the points' variances, those of a fixed
+/// number, though the covered share of a Poisson number varies more.
 struct CountLawComparison {
     struct Side {
         double chi2_theory = 0;          // a = 1
@@ -74,6 +75,8 @@ struct CountLawComparison {
     };
     Side binomial;
     Side poisson;
+    /// What delta_chi2_theory is on average under the fixed number, from theory alone: Σ ((α_P − α_B)/σ)².
+    double expected_delta_chi2 = 0;
     double delta_chi2_theory = 0;     // poisson − binomial, > 0 speaks for a fixed number
     double delta_chi2_free = 0;
     double akaike_weight_binomial = 0.5;  // of the four hypotheses {law} × {a = 1, a free}: both of the law

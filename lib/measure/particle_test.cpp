@@ -62,15 +62,14 @@ double CoverageTest::smallest_p() const {
 }
 
 CoverageTest test_coverage(std::span<const float> drawn, std::span<const float> truth,
-                           std::span<const float> truth_variance, const CoverageRule& rule) {
-    assert(drawn.size() == truth.size() && truth.size() == truth_variance.size());
+                           std::span<const float> chosen_variance, const CoverageRule& rule) {
+    assert(drawn.size() == truth.size() && truth.size() == chosen_variance.size());
     CoverageTest test;
-    // Which pixels: by the truth alone.
     for (std::size_t i = 0; i < truth.size(); ++i) {
         const double p = truth[i];
         if (!(p > 0 && p < 1)) continue;
         const double variance = p * (1 - p) / rule.repeats;
-        const double share = std::sqrt(truth_variance[i] / variance);
+        const double share = std::sqrt(chosen_variance[i] / variance);
         if (share > rule.largest_error_share) {
             ++test.left_out;
             continue;

@@ -20,8 +20,8 @@ namespace pellucid {
 struct CoverageRule {
     double repeats = 500;  // L_R
     /// Pixels are tested where the truth's standard error is at most this share of the binomial's
-    /// sqrt(p(1−p)/L_R). At 0.1 the error adds 1 % to a pixel's variance at most. The rule looks at the
-    /// truth alone, so that choosing pixels cannot favour the drawing.
+    /// sqrt(p(1−p)/L_R). At 0.1 the error adds 1 % to a pixel's variance, as far as
+    /// a variance from four sets of sub-rays can be known.
     double largest_error_share = 0.1;
     double sigmas = 3;
     Seed seed;  // of the randomised p-values
@@ -60,9 +60,13 @@ struct CoverageTest {
 inline constexpr int kPValueBins = 50;
 
 /// The number of covered repeats, drawn·L_R rounded, against Binomial(L_R, truth) in every pixel.
-///   drawn, truth, truth_variance  one a pixel: opacity, and the squared standard error of the truth
+///   drawn, truth     one a pixel: opacity
+///   chosen_variance  squared standard error of an *independent* tracing of the same scene, by which pixels
+///                    are chosen. Not the truth's own: grazing rays make its law skew (the optical depth of
+///                    the oblique law has an infinite variance at rims), so tracings that missed them are too
+///                    low and look sharp, and choosing those makes a right drawing look too opaque.
 [[nodiscard]] CoverageTest test_coverage(std::span<const float> drawn, std::span<const float> truth,
-                                         std::span<const float> truth_variance, const CoverageRule& rule);
+                                         std::span<const float> chosen_variance, const CoverageRule& rule);
 
 /// Equal bins and what the theory expects in each.
 struct Histogram {
@@ -101,8 +105,8 @@ struct ColorTest {
     double truth_error = 0;  // RMS standard error of the truth, which adds to it
     /// rmse / sqrt(floor² + truth_error²): independent errors without bias add in squares. 1 in theory.
     double ratio = 0;
-    /// Standard error of `ratio`, from above: channels taken as fully correlated, the fourth moment as
-    /// that of covered or not.
+    /// Standard error of `ratio`: channels taken as fully correlated, the fourth moment as that of covered
+    /// or not (rare highlights have a larger one).
     double ratio_error = 0;
     double p_value = 1;      // two-sided, of (ratio − 1)/ratio_error
 };

@@ -2,9 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <functional>
 #include <limits>
 #include <mutex>
+#include <numeric>
+#include <span>
 
+#include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
 #include "reference/ray_scene.hpp"
@@ -16,6 +20,10 @@ namespace {
 
 /// Independent sets of sub-rays a pixel: their spread is the error.
 constexpr int kSets = 4;
+/// Strata a side of a set in the pilot, and the least in what is kept.
+constexpr int kPilotStrata = 4;
+/// Errors up to this many times what was asked are the scatter of estimates with three degrees of freedom.
+constexpr double kLuckyPilot = 2;
 /// Behind this transmittance nothing is seen: an order below a float's last digit.
 constexpr double kOpaque = 1e-9;
 /// Depths closer than this share of themselves are equal: rounding of the same plane, told twice.
@@ -39,14 +47,40 @@ struct MixedLayer {
     Vec3 color;
 };
 
+/// What the sub-rays of a pixel met: which objects (by number modulo 64), and how many crossings.
+struct Signature {
+    std::uint64_t objects = 0;
+    std::uint32_t least = ~0U;
+    std::uint32_t most = 0;
+
+    void add(std::uint64_t more_objects, std::uint32_t crossings) {
+        objects |= more_objects;
+        least = std::min(least, crossings);
+        most = std::max(most, crossings);
+    }
+    void add(const Signature& more) {
+        objects |= more.objects;
+        least = std::min(least, more.least);
+        most = std::max(most, more.most);
+    }
+    [[nodiscard]] bool unanimous() const { return least == most; }
+    /// Whether `other` met something that this pixel's sub-rays may have missed.
+    [[nodiscard]] bool lacks(const Signature& other) const {
+        return (other.objects & ~objects) != 0 || other.most > most;
+    }
+};
+
 class PixelTracer {
 public:
     PixelTracer(const PreparedScene& scene, const RayScene& ray_scene, const TruthSettings& settings)
         : scene_(scene), ray_scene_(ray_scene), settings_(settings) {}
 
-    /// Everything about one pixel from kSets sets of strata × strata sub-rays.
-    void trace(int x, int y, int strata) {
+    /// Everything about one pixel from kSets sets of strata × strata sub-rays. A pilot has sub-rays of its own:
+    /// an estimate that decided when to stop is too small, so it is never the one that is kept.
+    void trace(int x, int y, int strata, bool pilot) {
+        stream_ = pilot ? kPilotStream : 0;
         nearest_ = std::numeric_limits<double>::infinity();
+        signature = {};
         pool_.clear();
         for (int set = 0; set < kSets; ++set) {
             box_[set] = {};
@@ -61,6 +95,8 @@ public:
     }
 
     Rgba mean, variance, repeat_variance;
+    /// What the sub-rays met, for the comparison with neighbours.
+    Signature signature;
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     [[nodiscard]] double nearest() const { return nearest_; }
@@ -77,7 +113,7 @@ private:
         for (int block_y = 0; block_y < strata; block_y += 4)
             for (int block_x = 0; block_x < strata; block_x += 4) {
                 std::array<Ray, kPacket> packet;
-                const auto repeat = static_cast<std::uint32_t>(((strata * kSets + set) << 14) +
+                const auto repeat = static_cast<std::uint32_t>(stream_ + ((strata * kSets + set) << 14) +
                                                                (block_y / 4) * 128 + block_x / 4);
                 RandomStream random(settings_.seed, {.object = static_cast<std::uint32_t>(Purpose::truth_jitter),
                                                      .repeat = repeat,
@@ -97,6 +133,9 @@ private:
     void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set) {
         hits += list.size();
         const double ray_length = length(ray.direction);
+        std::uint64_t objects = 0;
+        for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
+        signature.add(objects, static_cast<std::uint32_t>(list.size()));
         double clear = 1;
         Rgba& sum = box_[set];
         for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
@@ -209,9 +248,12 @@ private:
         }
     }
 
+    static constexpr int kPilotStream = 1 << 30;
+
     const PreparedScene& scene_;
     const RayScene& ray_scene_;
     const TruthSettings& settings_;
+    int stream_ = 0;
     PacketHits found_;
     std::vector<PooledLayer> pool_;
     std::vector<MixedLayer> mixed_;  // of one ray and depth
@@ -220,65 +262,174 @@ private:
     double nearest_ = 0;
 };
 
+/// The image in the making, pixel by pixel.
+class TruthImage {
+public:
+    TruthImage(const PreparedScene& scene, const RayScene& rays, const TruthSettings& settings)
+        : image(scene.camera.width(), scene.camera.height()),
+          signatures_(image.pixel_count()),
+          strata_(image.pixel_count(), 0),
+          unresolved_(image.pixel_count(), 0),
+          scene_(scene),
+          rays_(rays),
+          settings_(settings) {
+        for (std::size_t c = 0; c < 4; ++c) {
+            mean_[c] = image.add(kChannels[c]);
+            variance_[c] = image.add(std::string("variance.") + kChannels[c]);
+            if (settings.filter == PixelFilter::particle)
+                repeat_variance_[c] = image.add(std::string("repeat_variance.") + kChannels[c]);
+        }
+        z_ = image.add("Z", std::numeric_limits<float>::infinity());
+    }
+
+    /// Traces pixels with at least strata × strata sub-rays a set, and finer until the error is small enough.
+    void trace(std::span<const std::size_t> pixels, int strata, TruthStats& stats) {
+        std::mutex merging;
+        parallel_for(pixels.size(), 64, [&](std::size_t begin, std::size_t end) {
+            PixelTracer tracer(scene_, rays_, settings_);
+            for (std::size_t k = begin; k < end; ++k) trace_pixel(tracer, pixels[k], strata);
+            const std::scoped_lock lock(merging);
+            stats.rays += tracer.rays;
+            stats.hits += tracer.hits;
+        });
+    }
+
+    /// The finest strata that settings allow.
+    [[nodiscard]] int finest() const {
+        int strata = kPilotStrata;
+        while (16 * strata * strata * kSets / 4 <= settings_.max_samples) strata *= 2;
+        return strata;
+    }
+
+    /// Pixels whose sub-rays all met the same, beside one that met more: what is there may have slipped
+    /// between the sub-rays, and their agreement is no measure of the error.
+    [[nodiscard]] std::vector<std::size_t> doubtful(int strata) const {
+        std::vector<std::size_t> found;
+        for (int y = 0; y < image.height(); ++y)
+            for (int x = 0; x < image.width(); ++x) {
+                const std::size_t i = at(x, y);
+                if (strata_[i] < strata && signatures_[i].unanimous() && beside_more(x, y)) found.push_back(i);
+            }
+        return found;
+    }
+
+    /// Such pixels that stay unanimous: the error of a share of which n sub-rays met nothing, by Laplace's rule,
+    /// times the contrast to the neighbours.
+    void add_doubt() {
+        for (int y = 0; y < image.height(); ++y)
+            for (int x = 0; x < image.width(); ++x) {
+                const std::size_t i = at(x, y);
+                if (!signatures_[i].unanimous() || !beside_more(x, y)) continue;
+                const double n = double{kSets} * strata_[i] * strata_[i];
+                const double share_variance = (1 / (n + 2)) * (1 - 1 / (n + 2)) / n;
+                for (std::size_t c = 0; c < 4; ++c) {
+                    double contrast = 0;
+                    for_neighbours(x, y, [&](std::size_t k) {
+                        contrast = std::max(contrast, std::abs(static_cast<double>(mean_[c][k]) - static_cast<double>(mean_[c][i])));
+                    });
+                    variance_[c][i] = std::max(variance_[c][i], static_cast<float>(contrast * contrast * share_variance));
+                }
+            }
+    }
+
+    void summarise(TruthStats& stats) const {
+        double squares = 0;
+        for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+            double worst = 0;
+            for (std::size_t c = 0; c < 4; ++c) worst = std::max(worst, static_cast<double>(variance_[c][i]));
+            worst = std::sqrt(worst);
+            stats.unresolved_pixels += unresolved_[i];
+            stats.worst_error = std::max(stats.worst_error, worst);
+            for (std::size_t c = 0; c < 3; ++c) squares += static_cast<double>(variance_[c][i]);
+        }
+        stats.mean_square_error = squares / (3 * static_cast<double>(image.pixel_count()));
+    }
+
+    Image image;
+
+private:
+    static constexpr const char* kChannels[4] = {"R", "G", "B", "A"};
+
+    [[nodiscard]] std::size_t at(int x, int y) const {
+        return static_cast<std::size_t>(y) * static_cast<std::size_t>(image.width()) + static_cast<std::size_t>(x);
+    }
+
+    void for_neighbours(int x, int y, const std::function<void(std::size_t)>& look) const {
+        for (int v = std::max(0, y - 1); v <= std::min(image.height() - 1, y + 1); ++v)
+            for (int u = std::max(0, x - 1); u <= std::min(image.width() - 1, x + 1); ++u)
+                if (u != x || v != y) look(at(u, v));
+    }
+
+    [[nodiscard]] bool beside_more(int x, int y) const {
+        bool more = false;
+        for_neighbours(x, y, [&](std::size_t k) { more = more || signatures_[at(x, y)].lacks(signatures_[k]); });
+        return more;
+    }
+
+    void trace_pixel(PixelTracer& tracer, std::size_t i, int strata) {
+        const int x = static_cast<int>(i % static_cast<std::size_t>(image.width()));
+        const int y = static_cast<int>(i / static_cast<std::size_t>(image.width()));
+        tracer.trace(x, y, kPilotStrata, true);
+        Signature met = tracer.signature;
+        // The error falls at least with the strata a side, as the root of the number of sub-rays.
+        const double wanted = kPilotStrata * tracer.worst_error() / settings_.max_error;
+        while (strata < wanted && 2 * strata <= finest()) strata *= 2;
+        tracer.trace(x, y, strata, false);
+        met.add(tracer.signature);
+        // The pilot was lucky where the error is this much larger: what it missed is then known, and the
+        // choice among estimates that remains is of the rarest.
+        while (tracer.worst_error() > kLuckyPilot * settings_.max_error && 2 * strata <= finest()) {
+            strata *= 2;
+            tracer.trace(x, y, strata, false);
+            met.add(tracer.signature);
+        }
+        strata_[i] = strata;
+        unresolved_[i] = tracer.worst_error() > kLuckyPilot * settings_.max_error ||
+                         (strata < wanted && tracer.worst_error() > settings_.max_error);
+        signatures_[i] = met;
+        for (std::size_t c = 0; c < 4; ++c) {
+            mean_[c][i] = static_cast<float>(tracer.mean.c[c]);
+            variance_[c][i] = static_cast<float>(tracer.variance.c[c]);
+            if (!repeat_variance_[c].empty()) repeat_variance_[c][i] = static_cast<float>(tracer.repeat_variance.c[c]);
+        }
+        z_[i] = static_cast<float>(tracer.nearest());
+    }
+
+    std::span<float> mean_[4], variance_[4], repeat_variance_[4], z_;
+    std::vector<Signature> signatures_;
+    std::vector<int> strata_;
+    std::vector<std::uint8_t> unresolved_;  // 0 or 1
+    const PreparedScene& scene_;
+    const RayScene& rays_;
+    const TruthSettings& settings_;
+};
+
+/// Doubtful pixels are traced with up to this many strata a side: 1024 sub-rays.
+constexpr int kDoubtStrata = 16;
+
 }  // namespace
 
 Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats) {
+    constexpr double kMostColor = 1e30;  // float32 holds ten thousand times as much
+    if (!(brightest_color(scene) <= kMostColor))
+        throw input_error("{}: lights and shading give colours up to {:.3g}, expected at most {}", scene.settings.source,
+                          brightest_color(scene), kMostColor);
     Stopwatch watch;
     const RayScene rays(scene);
     stats.build_s = watch.lap();
     stats.embree_bytes = rays.bytes();
 
-    const int width = scene.camera.width();
-    Image image(width, scene.camera.height());
-    const char* const names[4] = {"R", "G", "B", "A"};
-    std::span<float> mean[4], variance[4], repeat_variance[4];
-    for (int c = 0; c < 4; ++c) {
-        mean[c] = image.add(names[c]);
-        variance[c] = image.add(std::string("variance.") + names[c]);
-        if (settings.filter == PixelFilter::particle)
-            repeat_variance[c] = image.add(std::string("repeat_variance.") + names[c]);
-    }
-    const std::span<float> z = image.add("Z", std::numeric_limits<float>::infinity());
-
-    (void)watch.lap();
-    std::mutex merging;
-    double squares = 0;
-    // Sums of floats are kept a row and added in order at the end: the same for any number of threads.
-    std::vector<double> row_squares(static_cast<std::size_t>(scene.camera.height()), 0);
-    parallel_for(static_cast<std::size_t>(scene.camera.height()), 1, [&](std::size_t begin, std::size_t end) {
-        PixelTracer tracer(scene, rays, settings);
-        std::uint64_t unresolved = 0;
-        double worst = 0;
-        for (std::size_t row = begin; row < end; ++row)
-            for (int x = 0; x < width; ++x) {
-                int strata = 4;
-                tracer.trace(x, static_cast<int>(row), strata);
-                while (tracer.worst_error() > settings.max_error && 4 * strata * strata * kSets <= settings.max_samples) {
-                    strata *= 2;
-                    tracer.trace(x, static_cast<int>(row), strata);
-                }
-                unresolved += tracer.worst_error() > settings.max_error ? 1U : 0U;
-                worst = std::max(worst, tracer.worst_error());
-                const std::size_t i = row * static_cast<std::size_t>(width) + static_cast<std::size_t>(x);
-                for (int c = 0; c < 4; ++c) {
-                    mean[c][i] = static_cast<float>(tracer.mean.c[c]);
-                    variance[c][i] = static_cast<float>(tracer.variance.c[c]);
-                    if (c < 3) row_squares[row] += tracer.variance.c[c];
-                    if (!repeat_variance[c].empty())
-                        repeat_variance[c][i] = static_cast<float>(tracer.repeat_variance.c[c]);
-                }
-                z[i] = static_cast<float>(tracer.nearest());
-            }
-        const std::scoped_lock lock(merging);
-        stats.rays += tracer.rays;
-        stats.hits += tracer.hits;
-        stats.unresolved_pixels += unresolved;
-        stats.worst_error = std::max(stats.worst_error, worst);
-    });
-    for (const double s : row_squares) squares += s;
-    stats.mean_square_error = squares / (3 * static_cast<double>(image.pixel_count()));
+    TruthImage truth(scene, rays, settings);
+    std::vector<std::size_t> pixels(truth.image.pixel_count());
+    std::iota(pixels.begin(), pixels.end(), std::size_t{0});
+    truth.trace(pixels, kPilotStrata, stats);
+    // Finding something makes neighbours doubtful in turn: thin things are followed along.
+    const int strata = std::min(kDoubtStrata, truth.finest());
+    for (pixels = truth.doubtful(strata); !pixels.empty(); pixels = truth.doubtful(strata)) truth.trace(pixels, strata, stats);
+    truth.add_doubt();
+    truth.summarise(stats);
     stats.trace_s = watch.lap();
-    return image;
+    return std::move(truth.image);
 }
 
 }  // namespace pellucid

@@ -21,16 +21,17 @@ enum class PixelFilter {
 struct TruthSettings {
     PixelFilter filter = PixelFilter::box;
     Seed seed{};
-    /// A pixel is traced anew with four times the sub-rays until the standard error of every channel is at most this …
+    /// A pilot of 64 sub-rays tells how many a pixel needs for this standard error in every channel. What is
+    /// reported is the error of the sub-rays that follow, which scatters up to twice as large …
     double max_error = 0.002;
-    /// … or this many a pixel are spent; from 64 in steps of 4×.
+    /// … as it does where a pixel would need more than this many; 64, 256, 1024, …
     int max_samples = 4096;
 };
 
 struct TruthStats {
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
-    std::uint64_t unresolved_pixels = 0;  // those that kept a larger error than asked
+    std::uint64_t unresolved_pixels = 0;  // those that would have needed more than max_samples
     double worst_error = 0;               // largest standard error of a channel
     double mean_square_error = 0;         // mean over pixels and R, G, B of the squared standard error
     double build_s = 0;
@@ -42,8 +43,11 @@ struct TruthStats {
 /// squared standard error of the pixel. With PixelFilter::particle also repeat_variance.R/G/B/A: the
 /// variance of that pixel in one repeat of a particle rendering, Σ w_i c_i² − (Σ w_i c_i)².
 ///
-/// Four independent sets of jittered sub-rays (4×4 strata each, then 8×8, … until max_error) give a
-/// pixel's mean and the standard error of it.
+/// A pixel whose sub-rays all met the same, beside one that met more, is traced with up to 1024 (max_samples
+/// permitting): slivers slip between few rays, and agreement is then no measure of the error.
+///
+/// Four independent sets of jittered sub-rays (4×4 strata each, or 8×8, …) give a pixel's mean and the
+/// standard error of it. They share nothing with the pilot: an estimate that decides when to stop is too small.
 [[nodiscard]] Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats);
 
 }  // namespace pellucid

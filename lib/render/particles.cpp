@@ -7,6 +7,7 @@
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
 #include "render/methods.hpp"
+#include "scene/shading.hpp"
 
 namespace pellucid {
 namespace {
@@ -91,6 +92,9 @@ namespace {
 
 Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
                        const std::function<void(double)>& progress) {
+    if (!(brightest_color(scene) <= kMostParticleColor))
+        throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
+                          scene.settings.source, brightest_color(scene), kMostParticleColor);
     Stopwatch watch;
     const std::vector<LineSampler> samplers = make_samplers(scene);
     const std::uint32_t batch = batch_size(settings, expected_particles(samplers, settings.sampler));
@@ -118,6 +122,9 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
         if (settings.max_error && largest_error(sums) <= *settings.max_error) break;
         goal = std::min(settings.repeats, 2 * goal);
     }
+    if (settings.max_error && largest_error(sums) > *settings.max_error)
+        warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for", largest_error(sums),
+             settings.repeats, *settings.max_error);
     Image image = ensemble_image(scene.camera, ParticleFrame(scene.camera), sums);
 
     stats.particles = sums.particles;

@@ -43,7 +43,9 @@ Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const
         nearest = 0;
         farthest = 1;
     }
-    near_ = settings.near.value_or(nearest);
+    // At near = 0 a pixel of a perspective view would see no area, and a particle density no bound.
+    const double least_near = perspective_ && !visible.empty() ? 1e-9 * length(visible.size()) : 0;
+    near_ = std::max(settings.near.value_or(nearest), least_near);
     far_ = settings.far.value_or(std::max(farthest, near_));
 }
 

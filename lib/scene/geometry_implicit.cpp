@@ -100,6 +100,7 @@ std::unique_ptr<SurfaceGeometry> make_implicit(const Surface& surface, const Imp
         bounds = replace ? *surface.bounds
                          : Box{glm::max(bounds.lo, surface.bounds->lo), glm::min(bounds.hi, surface.bounds->hi)};
     }
+    if (!bounds.empty() && field.excludes(bounds)) bounds = {};  // nothing of it is inside
     return std::make_unique<ImplicitGeometry>(std::move(field), bounds, surface.to_world);
 }
 

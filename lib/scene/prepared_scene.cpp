@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/error.hpp"
+
 namespace pellucid {
 
 bool Object::keeps(const Vec3& world) const {
@@ -39,6 +41,12 @@ PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
     for (const Surface& surface : scene.surfaces) {
         objects.push_back({surface, make_geometry(surface), surface.to_world.inverse()});
         if (objects.back().geometry->patch_count() > 0) visible.include(objects.back().geometry->bounds());
+        // Squares of lengths must stay within doubles.
+        const Box& box = visible;
+        const double reach = box.empty() ? 1 : std::max(length(box.size()), length(box.center()));
+        if (!(reach < 1e100 && (box.empty() || length(box.size()) > 1e-100)))
+            throw input_error("{}: surface \"{}\" makes the scene {:.3g} large, expected 1e-100 to 1e100", scene.source,
+                              surface.name, length(box.size()));
     }
     return {scene, std::move(objects), Camera(scene.camera, scene.image, visible, crop)};
 }

@@ -1,5 +1,7 @@
 #include "scene/shading.hpp"
 
+#include <algorithm>
+
 #include "kernel/shading_twin.h"
 
 namespace pellucid {
@@ -30,6 +32,19 @@ Vec3 shade(const PreparedScene& scene, const Object& object, const Vec3& world, 
             static_cast<float>(color[c]), sums, static_cast<float>(s.ambient), static_cast<float>(s.diffuse),
             static_cast<float>(s.specular)));
     return shaded;
+}
+
+double brightest_color(const PreparedScene& scene) {
+    double light = 0;
+    for (const Light& each : scene.settings.lights) light += each.intensity;
+    double most = 0;
+    for (const Object& object : scene.objects) {
+        const Shading& s = object.surface.shading;
+        const Vec3& c = object.surface.color;
+        const double color = object.geometry->has_color() ? 1 : std::max({c.x, c.y, c.z});
+        most = std::max(most, s.flat ? color : color * (s.ambient + s.diffuse * light) + s.specular * light);
+    }
+    return most;
 }
 
 }  // namespace pellucid

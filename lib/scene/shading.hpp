@@ -10,4 +10,7 @@ namespace pellucid {
 ///   normal  for shading, world; any length but zero, either side
 [[nodiscard]] Vec3 shade(const PreparedScene& scene, const Object& object, const Vec3& world, const Vec3& normal);
 
+/// No colour of the scene is larger than this.
+[[nodiscard]] double brightest_color(const PreparedScene& scene);
+
 }  // namespace pellucid

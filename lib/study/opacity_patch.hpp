@@ -63,7 +63,7 @@ struct RingDraw {
     std::int64_t covered = 0;   // pixels, over all repeats
     MeanVariance share;         // covered share, repeat by repeat
     double squares = 0;         // Σ_k (ᾱ_k − α_k)²/(α_k(1−α_k)), 0 < α_k < 1: mean over pixels is 1/repeats
-    double squares_variance = 0;  // of that sum, by theory
+    double squares_variance = 0;  // of that sum, by theory, pixels taken as independent
     std::size_t informative = 0;  // pixels in it
     [[nodiscard]] double alpha() const { return share.mean(); }
 };

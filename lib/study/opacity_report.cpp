@@ -34,6 +34,9 @@ using nlohmann::ordered_json;
 /// Covered, and uncovered, pixels that a row's theory must expect for it to take part in the fits.
 constexpr double kLeastEvents = 50;
 
+/// Pixels that a number of repeats needs for a point of the error's slope.
+constexpr std::size_t kLeastPixels = 100;
+
 /// Statements about intervals that are made together: a; p; a and p jointly; the slope.
 constexpr double kIntervals = 5;
 
@@ -141,9 +144,11 @@ void OpacityReport::check_fits() {
             {"akaike_weight_binomial", laws->akaike_weight_binomial},
             {"log10_bayes_factor", laws->log10_bayes_factor},
             {"log10_bayes_factor_free_area", laws->log10_bayes_factor_free}};
-        // "Decisive" by Jeffreys' scale; small patches (s/S >= 0.01) are needed to tell the laws apart.
-        const bool can_tell = std::ranges::any_of(points_, [](const OpacityPoint& p) { return p.ratio >= 0.01; });
-        if (can_tell)
+        json["binomial_against_poisson"]["expected_delta_chi2"] = laws->expected_delta_chi2;
+        // "Decisive" by Jeffreys' scale is 2, Δχ² = 9.2. Under the fixed number Δχ² ~ N(Δ, 4Δ) with Δ known from
+        // theory: only from here on a right drawing misses it with a probability below 0.001.
+        constexpr double kTellingChi2 = 56;
+        if (laws->expected_delta_chi2 >= kTellingChi2)
             experiment_->check("binomial against Poisson: log10 of the Bayes factor", laws->log10_bayes_factor, ">=", 2);
     }
     fits_json_ = json.dump(2) + "\n";
@@ -153,10 +158,11 @@ void OpacityReport::check_slope() {
     CsvWriter& csv = experiment_->csv("repeats", {"repeats", "pixels", "error", "error_standard_error", "error_theory"});
     std::vector<ErrorPoint> points;
     for (const auto& [repeats, e] : errors_) {
-        if (e.pixels == 0) continue;
+        if (e.pixels < kLeastPixels) continue;  // their mean square is no Gaussian
         const auto pixels = static_cast<double>(e.pixels);
         const double error = std::sqrt(e.squares / pixels);
-        const double relative = 0.5 * std::sqrt(e.variance) / e.squares;
+        // Of the theory's error, not of the drawn one.
+        const double relative = 0.5 * std::sqrt(e.variance) * static_cast<double>(repeats) / pixels;
         csv.row(repeats, e.pixels, error, error * relative, 1 / std::sqrt(static_cast<double>(repeats)));
         if (error > 0) points.push_back({static_cast<double>(repeats), error, relative});
     }
