@@ -20,6 +20,8 @@ struct Case {
     std::uint32_t repeats = 200;
 };
 
+void PrintTo(const Case& c, std::ostream* out) { *out << c.name; }
+
 const std::string kPerspective = "image.resolution = [24, 20]\ncamera.position = [0.3, 0.4, 4]\n";
 const std::string kOrthographic =
     "image.resolution = [24, 20]\n[camera]\nprojection = \"orthographic\"\nposition = [0.3, 0.4, 4]\nview_height = 3\n";

@@ -5,6 +5,7 @@
 #include <cstdlib>
 #include <filesystem>
 #include <fstream>
+#include <ostream>
 #include <random>
 
 #include <boost/multiprecision/cpp_bin_float.hpp>
@@ -26,6 +27,12 @@ struct Setting {
     double distance = 4;      // of the camera from it, in scene sizes
     std::optional<double> near = std::nullopt;  // in scene sizes
 };
+
+void PrintTo(const Setting& s, std::ostream* out) {
+    *out << (s.projection == Projection::perspective ? "perspective" : "orthographic") << ' ' << s.width << 'x'
+         << s.height << " fov " << s.fov << " scale " << s.scale << " distance " << s.distance;
+    if (s.near) *out << " near " << *s.near;
+}
 
 struct Difference {
     int other = 0;            // particles in another pixel than the exact one …
