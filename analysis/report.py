@@ -68,6 +68,10 @@ def first_comment(source: Path) -> str:
     return ""
 
 
+#: Folders of results that other commands write: this page itself, and tools/speed.sh.
+NO_EXPERIMENTS = ("report", "speed")
+
+
 def read_summary(folder: Path) -> tuple[dict, list[dict], str]:
     """summary.json, its checks, and what is wrong with it: one line, or empty."""
     file = folder / "summary.json"
@@ -246,7 +250,7 @@ a finding and stays on this page. The tables behind the figures lie in <code>res
 def write_report(results: Path) -> Path:
     """Makes results/report anew beside the old one, then swaps them."""
     folders = [folder for folder in sorted(results.iterdir())
-               if folder.is_dir() and folder.name != "report" and not folder.name.startswith(".")]
+               if folder.is_dir() and folder.name not in NO_EXPERIMENTS and not folder.name.startswith(".")]
     experiments = [read_experiment(folder) for folder in folders]
     target = results / "report"
     aside = Path(tempfile.mkdtemp(prefix=".report-", dir=results))
