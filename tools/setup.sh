@@ -10,11 +10,11 @@ pellucid_packages=(
     g++ cmake ninja-build ccache git                       # the build
     libembree-dev libtbb-dev                               # the truth, threads
     libceres-dev libboost-dev                              # fits, intervals and special functions
-    libglm-dev librandom123-dev libhwy-dev libfmt-dev      # vectors, counters, SIMD, text
+    libglm-dev librandom123-dev libfmt-dev                 # vectors, counters, text
     libopenexr-dev libpng-dev zlib1g-dev                   # images
     libnifti-dev libteem-dev libassimp-dev                 # volumes, meshes
     libtomlplusplus-dev libcli11-dev nlohmann-json3-dev    # scenes, options, summaries
-    libgtest-dev libbenchmark-dev                          # tests, benchmarks
+    libgtest-dev libbenchmark-dev glslc                    # tests, benchmarks, twin headers as GLSL
     mricron-data                                           # the real head (ch2.nii.gz)
     python3 python3-numpy python3-scipy python3-pandas python3-matplotlib python3-pil fonts-dejavu-core
 )
