@@ -64,5 +64,42 @@ TEST(OpacityPatch, TheTiltOfPerspectiveIsSeenByTheTest) {
     EXPECT_GT(*most / *least, 1.05);
 }
 
+TEST(OpacityPatch, FitsRejectParticlesTwoPixelsWide) {
+    const auto patch = make_opacity_patch({.ratio = 1e-4}, kEdges);
+    const PreparedScene scene = prepare(patch->scene);
+    const auto samplers = make_samplers(scene);
+    for (const DrawTwin twin : {DrawTwin::none, DrawTwin::two_pixels_wide}) {
+        std::vector<OpacityPoint> points;
+        for (const std::uint64_t count : {2000U, 7000U}) {
+            const RingDraw draw = draw_patch(*patch, scene, samplers[0], count, 20, {count}, twin)[0];
+            points.push_back(fit_point(*patch, patch->rings[0], draw, static_cast<double>(count), 20));
+        }
+        const FitResult fit = fit_opacity(points, OpacityModel::effective_area, 0.999);
+        ASSERT_TRUE(fit.converged);
+        const bool holds_one = fit.parameters[0].low <= 1 && 1 <= fit.parameters[0].high;
+        EXPECT_EQ(holds_one, twin == DrawTwin::none) << fit.parameters[0].value;
+    }
+}
+
+TEST(OpacityPatch, ErrorOverRepeatsRejectsASharedSet) {
+    // The mean square error of a pixel falls as 1/repeats; with one set for all repeats it does not fall.
+    const auto patch = make_opacity_patch({.ratio = 1e-4}, kEdges);
+    const PreparedScene scene = prepare(patch->scene);
+    const auto samplers = make_samplers(scene);
+    for (const DrawTwin twin : {DrawTwin::none, DrawTwin::shared_set}) {
+        std::vector<ErrorPoint> points;
+        for (const std::uint32_t repeats : {2U, 8U, 32U}) {
+            const RingDraw draw = draw_patch(*patch, scene, samplers[0], 7000, repeats, {repeats}, twin)[0];
+            const auto pixels = static_cast<double>(draw.informative);
+            points.push_back({static_cast<double>(repeats), std::sqrt(draw.squares / pixels),
+                              0.5 * std::sqrt(draw.squares_variance) * repeats / pixels});
+        }
+        const FitResult fit = fit_power_law(points, 0.999);
+        ASSERT_TRUE(fit.converged);
+        const bool holds_half = fit.parameters[0].low <= -0.5 && -0.5 <= fit.parameters[0].high;
+        EXPECT_EQ(holds_half, twin == DrawTwin::none) << fit.parameters[0].value;
+    }
+}
+
 }  // namespace
 }  // namespace pellucid

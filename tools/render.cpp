@@ -2,6 +2,7 @@
 //   render SCENE.toml --method M -o OUT.exr [--stats S.json] [--crop x0,y0,x1,y1] [--max-error E] [--plan]
 #include <cstdio>
 #include <filesystem>
+#include <utility>
 
 #include <fmt/ranges.h>
 #include <nlohmann/json.hpp>
@@ -10,6 +11,7 @@
 #include "core/stopwatch.hpp"
 #include "field/catalogue.hpp"
 #include "harness/options.hpp"
+#include "harness/progress.hpp"
 #include "harness/provenance.hpp"
 #include "io/atomic_file.hpp"
 #include "io/image_file.hpp"
@@ -114,10 +116,17 @@ int run(RenderOptions options) {
         throw input_error("--max-error {}: expected > 0", *options.max_error);
 
     const PreparedScene prepared = prepare(scene, crop);
+    constexpr std::size_t kBarSteps = 1000;
+    Progress bar("draw", kBarSteps, !options.plan && !options.quiet && on_terminal());
+    std::size_t shown = 0;
     const RenderInput input{.scene = prepared,
                             .settings = settings.root().table(method.name),
                             .seed = {options.seed.value_or(0)},
-                            .max_error = options.max_error};
+                            .max_error = options.max_error,
+                            .progress = [&](double share) {
+                                const auto reached = static_cast<std::size_t>(share * kBarSteps);
+                                if (reached > shown) bar.step(reached - std::exchange(shown, reached));
+                            }};
     method.check_settings(input);
     settings.finish();
     if (options.plan) {

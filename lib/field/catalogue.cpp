@@ -11,16 +11,16 @@ namespace {
 
 const std::vector<CatalogueEntry>& entries() {
     static const std::vector<CatalogueEntry> all{
-        {"sphere", "x^2 + y^2 + z^2 - radius^2", {{"radius", 1}}, "tight", 2},
-        {"ellipsoid", "(x/a)^2 + (y/b)^2 + (z/c)^2 - 1", {{"a", 1}, {"b", 0.7}, {"c", 0.5}}, "tight", 2},
-        {"torus", "(sqrt(x^2 + y^2) - major)^2 + z^2 - minor^2", {{"major", 1}, {"minor", 0.4}}, "tight", 4},
-        {"plane", "z", {}, "[-1, 1]^3", 1},
-        {"cylinder", "x^2 + y^2 - radius^2", {{"radius", 1}, {"height", 2}}, "|z| <= height/2, open", 2},
-        {"cone", "x^2 + y^2 - (radius/height*z)^2", {{"radius", 1}, {"height", 2}}, "|z| <= height, open", 2},
-        {"paraboloid", "x^2 + y^2 - (radius^2/height)*z", {{"radius", 1}, {"height", 1}}, "0 <= z <= height, open", 2},
-        {"saddle", "x^2/a^2 - y^2/b^2 - z", {{"a", 1}, {"b", 1}}, "[-1, 1]^3", 2},
-        {"hyperboloid", "(x^2 + y^2)/a^2 - z^2/c^2 - 1", {{"a", 0.5}, {"c", 0.5}}, "|z| <= 1, open", 2},
-        {"hyperboloid_two_sheets", "(x^2 + y^2)/a^2 - z^2/c^2 + 1", {{"a", 0.5}, {"c", 0.25}}, "|z| <= 1, open", 2},
+        {"sphere", "x^2 + y^2 + z^2 - radius^2", {{"radius", 1}}, "tight"},
+        {"ellipsoid", "(x/a)^2 + (y/b)^2 + (z/c)^2 - 1", {{"a", 1}, {"b", 0.7}, {"c", 0.5}}, "tight"},
+        {"torus", "(sqrt(x^2 + y^2) - major)^2 + z^2 - minor^2", {{"major", 1}, {"minor", 0.4}}, "tight"},
+        {"plane", "z", {}, "[-1, 1]^3"},
+        {"cylinder", "x^2 + y^2 - radius^2", {{"radius", 1}, {"height", 2}}, "|z| <= height/2, open"},
+        {"cone", "x^2 + y^2 - (radius/height*z)^2", {{"radius", 1}, {"height", 2}}, "|z| <= height, open"},
+        {"paraboloid", "x^2 + y^2 - (radius^2/height)*z", {{"radius", 1}, {"height", 1}}, "0 <= z <= height, open"},
+        {"saddle", "x^2/a^2 - y^2/b^2 - z", {{"a", 1}, {"b", 1}}, "[-1, 1]^3"},
+        {"hyperboloid", "(x^2 + y^2)/a^2 - z^2/c^2 - 1", {{"a", 0.5}, {"c", 0.5}}, "|z| <= 1, open"},
+        {"hyperboloid_two_sheets", "(x^2 + y^2)/a^2 - z^2/c^2 + 1", {{"a", 0.5}, {"c", 0.25}}, "|z| <= 1, open"},
     };
     return all;
 }

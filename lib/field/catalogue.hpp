@@ -26,7 +26,6 @@ struct CatalogueEntry {
     std::string_view equation;  // in object space, negative inside; the axis is z
     std::vector<Parameter> parameters;
     std::string_view bounds;    // object-space box when the scene gives none
-    int degree;
 };
 [[nodiscard]] std::span<const CatalogueEntry> catalogue();
 

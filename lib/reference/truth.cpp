@@ -283,14 +283,18 @@ public:
     }
 
     /// Traces pixels with at least strata × strata sub-rays a set, and finer until the error is small enough.
-    void trace(std::span<const std::size_t> pixels, int strata, TruthStats& stats) {
+    void trace(std::span<const std::size_t> pixels, int strata, TruthStats& stats,
+               const std::function<void(double)>& progress = [](double) {}) {
         std::mutex merging;
+        std::size_t done = 0;
         parallel_for(pixels.size(), 64, [&](std::size_t begin, std::size_t end) {
             PixelTracer tracer(scene_, rays_, settings_);
             for (std::size_t k = begin; k < end; ++k) trace_pixel(tracer, pixels[k], strata);
             const std::scoped_lock lock(merging);
             stats.rays += tracer.rays;
             stats.hits += tracer.hits;
+            done += end - begin;
+            progress(static_cast<double>(done) / static_cast<double>(pixels.size()));
         });
     }
 
@@ -409,7 +413,8 @@ constexpr int kDoubtStrata = 16;
 
 }  // namespace
 
-Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats) {
+Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats,
+                  const std::function<void(double)>& progress) {
     constexpr double kMostColor = 1e30;  // float32 holds ten thousand times as much
     if (!(brightest_color(scene) <= kMostColor))
         throw input_error("{}: lights and shading give colours up to {:.3g}, expected at most {}", scene.settings.source,
@@ -422,7 +427,7 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     TruthImage truth(scene, rays, settings);
     std::vector<std::size_t> pixels(truth.image.pixel_count());
     std::iota(pixels.begin(), pixels.end(), std::size_t{0});
-    truth.trace(pixels, kPilotStrata, stats);
+    truth.trace(pixels, kPilotStrata, stats, progress);
     // Finding something makes neighbours doubtful in turn: thin things are followed along.
     const int strata = std::min(kDoubtStrata, truth.finest());
     for (pixels = truth.doubtful(strata); !pixels.empty(); pixels = truth.doubtful(strata)) truth.trace(pixels, strata, stats);

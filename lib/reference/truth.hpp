@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 
 #include "core/image.hpp"
 #include "core/random.hpp"
@@ -48,6 +49,8 @@ struct TruthStats {
 ///
 /// Four independent sets of jittered sub-rays (4×4 strata each, or 8×8, …) give a pixel's mean and the
 /// standard error of it. They share nothing with the pilot: an estimate that decides when to stop is too small.
-[[nodiscard]] Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats);
+///   progress  told the share that is done of the first look at all pixels; from one thread at a time
+[[nodiscard]] Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats,
+                                const std::function<void(double)>& progress = [](double) {});
 
 }  // namespace pellucid

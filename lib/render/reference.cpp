@@ -46,7 +46,7 @@ Method reference_method() {
         plan_reference,
         [](const RenderInput& input, RenderStats& stats) {
             TruthStats truth;
-            Image image = trace_truth(input.scene, read_settings(input), truth);
+            Image image = trace_truth(input.scene, read_settings(input), truth, input.progress);
             stats.stages.push_back({"build ray scene", truth.build_s, truth.embree_bytes, ""});
             stats.stages.push_back({"trace", truth.trace_s, 0, ""});
             stats.rays = truth.rays;
