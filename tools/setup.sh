@@ -14,7 +14,10 @@ pellucid_packages=(
     libopenexr-dev libpng-dev zlib1g-dev                   # images
     libnifti-dev libteem-dev libassimp-dev                 # volumes, meshes
     libtomlplusplus-dev libcli11-dev nlohmann-json3-dev    # scenes, options, summaries
-    libgtest-dev libbenchmark-dev glslc                    # tests, benchmarks, twin headers as GLSL
+    libhwy-dev                                             # SIMD, chosen at run time
+    libvulkan-dev glslc mesa-vulkan-drivers                # Vulkan, shaders, a device in software
+    vulkan-validationlayers                                # tests fail on any message of theirs
+    libgtest-dev libbenchmark-dev                          # tests, benchmarks
     mricron-data                                           # the real head (ch2.nii.gz)
     python3 python3-numpy python3-scipy python3-pandas python3-matplotlib python3-pil fonts-dejavu-core
 )
