@@ -15,7 +15,7 @@
 #include "bench/workloads.hpp"
 #include "core/error.hpp"
 #include "core/parallel.hpp"
-#include "cpu/particle_stages.hpp"
+#include "cpu/plain_particles.hpp"
 #include "harness/provenance.hpp"
 #include "reference/ray_scene.hpp"
 #include "reference/truth.hpp"
@@ -63,17 +63,12 @@ template <std::uint64_t total>
     return made;
 }
 
-[[nodiscard]] EnsembleSums empty_sums(const Camera& camera) {
-    return {.pixels = std::vector<EnsembleSums::Pixel>(static_cast<std::size_t>(camera.width()) *
-                                                       static_cast<std::size_t>(camera.height()))};
-}
-
 template <std::uint64_t total>
 void draw_whole_ensemble(benchmark::State& state) {
     const Drawing& d = drawing<total>();
     for (auto _ : state) {
-        EnsembleSums sums = empty_sums(d.scene.camera);
-        draw_ensemble(d.scene, d.particles, sums);
+        EnsembleSums sums = make_sums(d.scene);
+        make_plain_drawer(d.scene)->draw(d.particles, sums);
         benchmark::DoNotOptimize(sums.pixels.data());
     }
     state.counters["particles"] = rate(done(state) * d.particles.count());
@@ -224,8 +219,8 @@ void print_memory() {
     const SamplerSettings settings{.seed = {}, .exact_count = 50'000'000 / kRepeats / samplers.size()};
     const ParticleSet particles = sample_particles(scene, samplers, settings, 0, kRepeats);
     const std::uint64_t sampled = peak_rss_bytes();
-    EnsembleSums sums = empty_sums(scene.camera);
-    draw_ensemble(scene, particles, sums);
+    EnsembleSums sums = make_sums(scene);
+    make_plain_drawer(scene)->draw(particles, sums);
     const std::uint64_t drawn = peak_rss_bytes();
     const std::uint64_t winner_frame = sums.pixels.size() * (sizeof(std::uint64_t) + sizeof(std::uint32_t));
     const std::uint64_t sums_frame = sums.pixels.size() * sizeof(EnsembleSums::Pixel);

@@ -132,6 +132,41 @@ INSTANTIATE_TEST_SUITE_P(
                     Setting{.projection = Projection::orthographic, .fov = 2, .scale = 1e30},
                     Setting{.projection = Projection::orthographic, .fov = 2, .distance = 1e6}));
 
+// Wherever a particle lies, borders of pixels and of the image included.
+TEST_P(ProjectionTwin, QuickProjectionIsTheSame) {
+    const Setting& s = GetParam();
+    const Camera camera = camera_of(s);
+    const ParticleFrame frame(camera);
+    const twin::Projection projection = frame.projection(camera);
+    std::mt19937_64 random(5);
+    std::uniform_real_distribution<double> unit(0, 1);
+    const double closeness[] = {1, 1e-1, 1e-2, 1e-3, 1e-4, 1e-6, 1e-9, 0};
+    int undecided = 0;
+    constexpr int kCount = 200000;
+    for (int i = 0; i < kCount; ++i) {
+        Vec2 at(camera.width() * (1.1 * unit(random) - 0.05), camera.height() * (1.1 * unit(random) - 0.05));
+        const double close = closeness[i % 8];
+        at.x = std::round(at.x) + (unit(random) - 0.5) * close;
+        if (i % 3 == 0) at.y = std::round(at.y) + (unit(random) - 0.5) * close;
+        double z = camera.near() + (camera.far() - camera.near()) * unit(random);
+        if (i % 4 < 2) z = camera.near() * std::pow(camera.far() / camera.near(), unit(random));
+        if (i % 64 == 0) z = camera.near();
+        const Vec2 side = (at - camera.center()) * camera.pixel_size() * (camera.perspective() ? z : 1);
+        Particle particle = frame.pack({side.x, side.y, z}, {0, 0, -1});
+        if (i % 97 == 0) particle.x *= 1.5F;  // out of view, by no more than the integers hold
+        const twin::PixelDepth exact = twin::project_particle(projection, particle);
+        const twin::PixelDepth quick = twin::project_quickly(projection, particle);
+        ASSERT_EQ(quick.column, exact.column) << i;
+        ASSERT_EQ(quick.row, exact.row) << i;
+        ASSERT_EQ(quick.depth, exact.depth) << i;
+        undecided += projection.doubt < 1 ? 0 : 1;
+    }
+    // An ordinary camera is decided by float32.
+    if (s.width <= 512 && s.scale == 1 && s.distance == 4 && !s.near && s.fov >= 1) {
+        EXPECT_EQ(undecided, 0);
+    }
+}
+
 TEST(ProjectionTwin, DepthBitsAreOrderedLikeDepths) {
     std::mt19937_64 random(4);
     std::uniform_real_distribution<double> exponent(-30, 0);

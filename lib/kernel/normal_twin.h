@@ -3,7 +3,7 @@
 // of the octahedron's faces: half a step along both axes, 2^-15.5, stretched by 3; tested.
 #ifndef PELLUCID_KERNEL_NORMAL_TWIN_H
 #define PELLUCID_KERNEL_NORMAL_TWIN_H
-#include "kernel/twin.h"
+#include "kernel/math_twin.h"
 TWIN_BEGIN
 
 struct Vec3f {
@@ -12,19 +12,27 @@ struct Vec3f {
     float z;
 };
 
+TWIN_FN float dot3(Vec3f a, Vec3f b) {
+    TWIN_PRECISE float r = a.x * b.x + a.y * b.y + a.z * b.z;
+    return r;
+}
+
 TWIN_FN float sign_or_one(float v) { return v < 0.0f ? -1.0f : 1.0f; }
 
 // 16 bits for a coordinate in [-1, 1].
 TWIN_FN uint quantise_snorm(float v) {
-    return uint(int(floor(min(max(v, -1.0f), 1.0f) * 32767.0f + 0.5f)) + 32768) & 65535u;
+    TWIN_PRECISE float scaled = min(max(v, -1.0f), 1.0f) * 32767.0f + 0.5f;
+    return uint(int(floor(scaled)) + 32768) & 65535u;
 }
-TWIN_FN float restore_snorm(uint bits) { return float(int(bits) - 32768) / 32767.0f; }
+// Steps of 1/32767 times 32767: whole numbers, exact. A normal's length is of no account before the end.
+TWIN_FN float restore_snorm(uint bits) { return float(int(bits) - 32768); }
 
 // n need not have unit length; not zero.
 TWIN_FN uint pack_normal(Vec3f n) {
-    float size = abs(n.x) + abs(n.y) + abs(n.z);
-    float u = n.x / size;
-    float v = n.y / size;
+    TWIN_PRECISE float size = abs(n.x) + abs(n.y) + abs(n.z);
+    float over_size = twin_reciprocal(size);
+    float u = n.x * over_size;
+    float v = n.y * over_size;
     if (n.z < 0.0f) {
         float folded_u = (1.0f - abs(v)) * sign_or_one(u);
         float folded_v = (1.0f - abs(u)) * sign_or_one(v);
@@ -38,11 +46,16 @@ TWIN_FN uint pack_normal(Vec3f n) {
 TWIN_FN Vec3f unpack_normal(uint bits) {
     float u = restore_snorm(bits & 65535u);
     float v = restore_snorm(bits >> 16u);
-    float z = 1.0f - abs(u) - abs(v);
-    float x = z < 0.0f ? (1.0f - abs(v)) * sign_or_one(u) : u;
-    float y = z < 0.0f ? (1.0f - abs(u)) * sign_or_one(v) : v;
-    float size = sqrt(x * x + y * y + z * z);
-    return Vec3f(x / size, y / size, z / size);
+    float z = 32767.0f - abs(u) - abs(v);
+    Vec3f n;
+    n.x = z < 0.0f ? (32767.0f - abs(v)) * sign_or_one(u) : u;
+    n.y = z < 0.0f ? (32767.0f - abs(u)) * sign_or_one(v) : v;
+    n.z = z;
+    float r = twin_rsqrt(dot3(n, n));
+    n.x = n.x * r;
+    n.y = n.y * r;
+    n.z = n.z * r;
+    return n;
 }
 
 TWIN_END

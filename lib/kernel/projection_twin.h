@@ -28,7 +28,18 @@ struct Projection {
     int perspective;      // 0 or 1
     int width;
     int height;
+    // The same in float32, for project_quickly.
+    float quick_near;
+    float quick_focal;
+    float quick_center_x;
+    float quick_center_y;
+    float doubt;          // pixels: this close to a border of a pixel float32 does not decide; 1: never
 };
+
+// The image is cut into square tiles of 2^kTileShift pixels a side: what a core or a workgroup draws at a time.
+const int kTileShift = 6;
+const int kTileSide = 1 << kTileShift;
+const int kTilePixels = kTileSide * kTileSide;
 
 // Pixel of a particle; column = -1 where it is out of view.
 struct PixelDepth {
@@ -83,6 +94,34 @@ TWIN_FN PixelDepth project_particle(Projection p, Particle q) {
             r.column = int(column);
             r.row = int(row);
         }
+    }
+    return r;
+}
+
+// Where float32 lands on one axis: 0 surely inside [0, size), 1 surely outside, 2 undecided. `doubt` covers the
+// roundings here (of a division up to 2.5 ULP) and those of the fixed point.
+TWIN_FN int quick_verdict(float position, float size, float doubt) {
+    float share = position - floor(position);
+    int inside = position >= 0.0f && position < size && share > doubt && share < 1.0f - doubt ? 0 : 2;
+    return position < -doubt || position > size + doubt ? 1 : inside;
+}
+
+// The same pixel as project_particle, by float32 wherever that decides.
+TWIN_FN PixelDepth project_quickly(Projection p, Particle q) {
+    float w = p.perspective != 0 ? p.quick_near + q.above_near : 1.0f;
+    float x = q.x * p.quick_focal / w + p.quick_center_x;
+    float y = q.y * p.quick_focal / w + p.quick_center_y;
+    int on_x = quick_verdict(x, float(p.width), p.doubt);
+    int on_y = quick_verdict(y, float(p.height), p.doubt);
+    PixelDepth r;
+    r.column = -1;
+    r.row = -1;
+    r.depth = floatBitsToUint(q.above_near);
+    if (!(w > 1e-30f) || (on_x != 1 && on_y != 1 && on_x + on_y > 0)) {
+        r = project_particle(p, q);
+    } else if (on_x + on_y == 0) {
+        r.column = int(x);
+        r.row = int(y);
     }
     return r;
 }

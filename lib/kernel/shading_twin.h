@@ -2,6 +2,7 @@
 // the normal turned to the viewer. Two sums over the lights are all that it needs.
 #ifndef PELLUCID_KERNEL_SHADING_TWIN_H
 #define PELLUCID_KERNEL_SHADING_TWIN_H
+#include "kernel/math_twin.h"
 #include "kernel/normal_twin.h"
 TWIN_BEGIN
 
@@ -9,8 +10,6 @@ struct LightSums {
     float diffuse;   // Σ I·max(0, n·l)
     float specular;  // Σ I·max(0, n·h)^shininess
 };
-
-TWIN_FN float dot3(Vec3f a, Vec3f b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
 
 // n turned to the side of v.
 TWIN_FN Vec3f turned_to(Vec3f n, Vec3f v) {
@@ -21,18 +20,21 @@ TWIN_FN Vec3f turned_to(Vec3f n, Vec3f v) {
 // One light more; n, v (to the viewer) and l (to the light) have unit length.
 TWIN_FN LightSums add_light(LightSums sums, Vec3f n, Vec3f v, Vec3f l, float intensity, float shininess) {
     Vec3f h = Vec3f(l.x + v.x, l.y + v.y, l.z + v.z);
-    float size = sqrt(dot3(h, h));
-    float n_h = size > 0.0f ? max(0.0f, dot3(n, h) / size) : 0.0f;
-    float highlight = n_h > 0.0f ? pow(n_h, shininess) : (shininess > 0.0f ? 0.0f : 1.0f);
+    float size2 = dot3(h, h);
+    // A light from behind the point: no half-way direction.
+    float n_h = size2 > 1e-30f ? min(max(dot3(n, h) * twin_rsqrt(size2), 0.0f), 1.0f) : 0.0f;
+    TWIN_PRECISE float diffuse = sums.diffuse + intensity * max(0.0f, dot3(n, l));
+    TWIN_PRECISE float specular = sums.specular + intensity * twin_power(n_h, shininess);
     LightSums r;
-    r.diffuse = sums.diffuse + intensity * max(0.0f, dot3(n, l));
-    r.specular = sums.specular + intensity * highlight;
+    r.diffuse = diffuse;
+    r.specular = specular;
     return r;
 }
 
 // One channel of the shaded colour.
 TWIN_FN float shaded_channel(float color, LightSums sums, float ambient, float diffuse, float specular) {
-    return color * (ambient + diffuse * sums.diffuse) + specular * sums.specular;
+    TWIN_PRECISE float r = color * (ambient + diffuse * sums.diffuse) + specular * sums.specular;
+    return r;
 }
 
 TWIN_END

@@ -6,6 +6,7 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
+#include "cpu/plain_particles.hpp"
 #include "render/methods.hpp"
 #include "scene/shading.hpp"
 
@@ -103,8 +104,8 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     Stage sampling{"sample particles", 0, 0, ""};
     Stage drawing{"project and average", 0, frame_bytes(scene.camera), ""};
 
-    EnsembleSums sums{std::vector<EnsembleSums::Pixel>(static_cast<std::size_t>(scene.camera.width()) *
-                                                       static_cast<std::size_t>(scene.camera.height()))};
+    EnsembleSums sums = make_sums(scene);
+    const std::unique_ptr<ParticleDrawer> drawer = make_plain_drawer(scene);
     // With an error to reach, the number of repeats doubles until it is reached: a rule that does not
     // depend on memory or threads, so neither does the image.
     std::uint32_t done = 0;
@@ -114,7 +115,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
         const ParticleSet set = sample_particles(scene, samplers, settings.sampler, done, count);
         sampling.wall_s += watch.lap();
         sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
-        draw_ensemble(scene, set, sums);
+        drawer->draw(set, sums);
         drawing.wall_s += watch.lap();
         done += count;
         progress(static_cast<double>(done) / settings.repeats);

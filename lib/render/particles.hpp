@@ -1,7 +1,7 @@
 // Particle-based surface rendering (PBSR, Tanaka et al. 2012) on the CPU.
 #pragma once
 
-#include "cpu/particle_stages.hpp"
+#include "stage/ensemble.hpp"
 #include "render/method.hpp"
 #include "sample/particle_sampler.hpp"
 

@@ -43,9 +43,8 @@ public:
         ends_.push_back(static_cast<std::uint32_t>(particles_.size()));
     }
 
-    [[nodiscard]] RepeatParticles finish() {
-        // A copy of exact size: 16 bytes a particle stay, whatever the vector grew to.
-        return {std::vector<Particle>(particles_.begin(), particles_.end()), std::move(ends_)};
+    [[nodiscard]] RepeatParticles finish(const twin::Projection& projection) const {
+        return sort_by_tile(particles_, ends_, projection);
     }
 
 private:
@@ -134,13 +133,15 @@ double mean_trials(const LineSampler& sampler, TrialLaw law) {
 
 ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
                              const SamplerSettings& settings, std::uint32_t first, std::uint32_t count) {
-    ParticleSet set{ParticleFrame(scene.camera), std::vector<RepeatParticles>(count)};
+    ParticleSet set{ParticleFrame(scene.camera), static_cast<std::uint32_t>(samplers.size()),
+                    std::vector<RepeatParticles>(count)};
+    const twin::Projection projection = set.frame.projection(scene.camera);
     parallel_for(count, 1, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
             const std::uint32_t repeat = settings.same_set_in_all_repeats ? 0 : first + static_cast<std::uint32_t>(i);
             RepeatBuilder builder(set.frame, settings, repeat);
             for (const LineSampler& sampler : samplers) builder.add(sampler);
-            set.repeats[i] = builder.finish();
+            set.repeats[i] = builder.finish(projection);
         }
     });
     return set;

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/error.hpp"
 #include "kernel/normal_twin.h"
 
 namespace pellucid {
@@ -66,7 +67,23 @@ twin::Projection ParticleFrame::projection(const Camera& camera) const {
         p.lateral_shift = 30 - lateral_exponent;
         p.focal_fixed = std::llround(std::ldexp(1 / camera.pixel_size(), exponent + lateral_exponent + p.fraction_bits));
     }
+    set_quick(p, camera);
     return p;
+}
+
+/// The float32 side of the projection. Its roundings: two of the focal product, two of w, 2.5 ULP of the division,
+/// two of the sum: below 8 ULP of the largest coordinate, doubled. The fixed point: 29 bits for half of the image.
+void ParticleFrame::set_quick(twin::Projection& p, const Camera& camera) const {
+    const double scaled_near = std::ldexp(near, -exponent);
+    p.quick_near = static_cast<float>(scaled_near);
+    p.quick_focal = static_cast<float>(camera.perspective() ? 1 / camera.pixel_size() : std::ldexp(1 / camera.pixel_size(), exponent));
+    p.quick_center_x = static_cast<float>(camera.center().x);
+    p.quick_center_y = static_cast<float>(camera.center().y);
+    const double reach = 2 * half_size(camera);
+    p.doubt = static_cast<float>(reach * (0x1p-20 + 0x1p-26) + std::ldexp(2.0, -p.fraction_bits));
+    // A near plane that the fixed point cannot hold, or numbers beyond float32: always the integers.
+    const bool near_is_coarse = p.perspective != 0 && (p.near_fixed < (std::int64_t{1} << 60) || !(scaled_near > 1e-30));
+    if (near_is_coarse || !std::isfinite(p.quick_focal) || !(p.doubt < 0.5F)) p.doubt = 1;
 }
 
 std::uint64_t ParticleSet::count() const {
@@ -78,8 +95,64 @@ std::uint64_t ParticleSet::count() const {
 std::uint64_t ParticleSet::bytes() const {
     std::uint64_t sum = 0;
     for (const RepeatParticles& r : repeats)
-        sum += r.particles.capacity() * sizeof(Particle) + r.object_ends.capacity() * sizeof(std::uint32_t);
+        sum += r.particles.capacity() * sizeof(Particle) + r.runs.capacity() * sizeof(ParticleRun);
     return sum;
+}
+
+std::uint32_t RepeatParticles::bin_of(std::uint32_t index) const {
+    const auto after = std::upper_bound(runs.begin(), runs.end(), index,
+                                        [](std::uint32_t i, const ParticleRun& run) { return i < run.begin; });
+    return std::prev(after)->bin;
+}
+
+namespace {
+
+/// Particles and runs in ascending order of bins, equal ones as they came.
+[[nodiscard]] RepeatParticles in_order(std::span<const Particle> particles, std::span<const std::uint64_t> bin_and_index) {
+    RepeatParticles sorted;
+    sorted.particles.reserve(particles.size());
+    for (const std::uint64_t each : bin_and_index) {
+        const auto bin = static_cast<std::uint32_t>(each >> 32U);
+        if (sorted.runs.empty() || sorted.runs.back().bin != bin)
+            sorted.runs.push_back({static_cast<std::uint32_t>(sorted.particles.size()), bin});
+        sorted.particles.push_back(particles[static_cast<std::uint32_t>(each)]);
+    }
+    return sorted;
+}
+
+}  // namespace
+
+RepeatParticles sort_by_tile(std::span<const Particle> particles, std::span<const std::uint32_t> object_ends,
+                             const twin::Projection& projection) {
+    const std::size_t objects = object_ends.size();
+    const TileGrid grid(projection.width, projection.height);
+    const std::size_t bins = (grid.count() + 1) * objects;
+    if (bins > 0xffffffffU) throw run_error("{} objects over {} tiles of the image are more than 2^32", objects, grid.count());
+    std::vector<std::uint32_t> bin(particles.size());
+    std::size_t object = 0;
+    for (std::size_t i = 0; i < particles.size(); ++i) {
+        while (i >= object_ends[object]) ++object;
+        const twin::PixelDepth at = twin::project_quickly(projection, particles[i]);
+        bin[i] = static_cast<std::uint32_t>((at.column < 0 ? grid.count() : grid.tile(at.column, at.row)) * objects + object);
+    }
+    // Few particles over many bins: sorting them costs less than counting bins.
+    if (particles.size() < bins / 4) {
+        std::vector<std::uint64_t> keys(particles.size());
+        for (std::size_t i = 0; i < keys.size(); ++i) keys[i] = std::uint64_t{bin[i]} << 32U | i;
+        std::sort(keys.begin(), keys.end());
+        return in_order(particles, keys);
+    }
+    std::vector<std::uint32_t> next(bins + 1, 0);
+    for (const std::uint32_t b : bin) ++next[b + 1];
+    RepeatParticles sorted;
+    for (std::size_t b = 0; b < bins; ++b) {
+        if (next[b + 1] > 0) sorted.runs.push_back({next[b], static_cast<std::uint32_t>(b)});
+        next[b + 1] += next[b];
+    }
+    sorted.runs.shrink_to_fit();
+    sorted.particles.resize(particles.size());
+    for (std::size_t i = 0; i < particles.size(); ++i) sorted.particles[next[bin[i]]++] = particles[i];
+    return sorted;
 }
 
 }  // namespace pellucid

@@ -14,6 +14,7 @@
 #include <optional>
 #include <span>
 
+#include "core/image.hpp"
 #include "core/vec.hpp"
 #include "io/mesh_file.hpp"
 #include "scene/scene.hpp"
@@ -56,6 +57,12 @@ struct Line {
     double t_hi;
 };
 
+/// An image on a parallelogram: columns run along u, the top row is at center + v.
+struct SurfaceTexture {
+    const Image* image;
+    Vec3 center, u, v;  // world; half-edges
+};
+
 class SurfaceGeometry {
 public:
     virtual ~SurfaceGeometry() = default;
@@ -77,6 +84,7 @@ public:
     [[nodiscard]] virtual Box bounds() const = 0;
     /// Colour that replaces the surface's own, linear: rectangles with an image.
     [[nodiscard]] virtual bool has_color() const { return false; }
+    [[nodiscard]] virtual std::optional<SurfaceTexture> texture() const { return std::nullopt; }
     [[nodiscard]] virtual Vec3 color(const Vec3& point) const;
     /// The triangles in world space, where the patches are triangles.
     [[nodiscard]] virtual const TriangleMesh* mesh() const { return nullptr; }

@@ -37,6 +37,10 @@ public:
         return box;
     }
     [[nodiscard]] bool has_color() const override { return image_.pixel_count() > 0; }
+    [[nodiscard]] std::optional<SurfaceTexture> texture() const override {
+        if (!has_color()) return std::nullopt;
+        return SurfaceTexture{&image_, center_, u_, v_};
+    }
 
     /// Bilinear between pixel centres, clamped at the border; columns run along u, the top row is at +v.
     [[nodiscard]] Vec3 color(const Vec3& point) const override {

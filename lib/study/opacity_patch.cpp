@@ -5,7 +5,7 @@
 #include <functional>
 
 #include "core/parallel.hpp"
-#include "cpu/particle_stages.hpp"
+#include "cpu/plain_particles.hpp"
 
 namespace pellucid {
 namespace {

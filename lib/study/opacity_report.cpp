@@ -5,7 +5,7 @@
 
 #include <nlohmann/json.hpp>
 
-#include "cpu/particle_stages.hpp"
+#include "cpu/plain_particles.hpp"
 
 namespace pellucid {
 namespace {
@@ -235,8 +235,8 @@ void OpacityReport::draw_close_sheets() {
     for (const bool fault : {false, true}) {
         const SamplerSettings settings{.seed = derived_seed(experiment_->seed(), 0x2000000), .exact_count = {}, .keep_all_crossings = fault};
         const ParticleSet set = sample_particles(prepared, samplers, settings, 0, kRepeats);
-        EnsembleSums sums{std::vector<EnsembleSums::Pixel>(kSide * kSide)};
-        draw_ensemble(prepared, set, sums);
+        EnsembleSums sums = make_sums(prepared);
+        make_plain_drawer(prepared)->draw(set, sums);
         double covered = 0;
         double trials = 0;
         for (int i = 0; i < kSide * kSide; ++i) {

@@ -1,5 +1,5 @@
 // Projection, nearest-wins and the ensemble's sums, against a serial rewriting of them: bit for bit.
-#include "cpu/particle_stages.hpp"
+#include "cpu/plain_particles.hpp"
 
 #include <map>
 
@@ -106,46 +106,112 @@ TEST(WinnerFrame, AtEqualDepthNeitherOfTwoObjectsIsPreferred) {
     EXPECT_NEAR(first_wins / double{kPairs}, 0.5, 3.3 * 0.5 / std::sqrt(double{kPairs}));
 }
 
-TEST(DrawEnsemble, SumsAreThoseOfASerialRendering) {
+TEST(PlainDrawer, SumsAreThoseOfASerialRendering) {
     const PreparedScene scene = two_glossy_tori();
     const auto samplers = make_samplers(scene);
     const ParticleSet set = sample_particles(scene, samplers, {}, 0, 9);
     const twin::Projection projection = set.frame.projection(scene.camera);
-    const std::size_t pixels = 61 * 47;
-    std::vector<EnsembleSums::Pixel> expected(pixels);
+    std::vector<EnsembleSums::Pixel> expected(61 * 47);
+    std::vector<Vec3> color_sum(expected.size(), Vec3(0.0));
     std::uint64_t covered = 0;
     for (const RepeatParticles& repeat : set.repeats) {
         std::vector<std::uint32_t> unused;
         for (const auto& [pixel, winner] : winners_one_by_one(repeat.particles, projection, unused)) {
             const Particle& p = repeat.particles[winner.index];
             const twin::Vec3f n = twin::unpack_normal(p.normal);
-            const Object& object = scene.objects[winner.index < repeat.object_ends[0] ? 0 : 1];
-            const Vec3 color = shade(scene, object, scene.camera.to_world(set.frame.view_position(p)),
-                                     scene.camera.world_vector({n.x, n.y, n.z}));
-            EnsembleSums::Pixel& sum = expected[pixel];
-            for (int c = 0; c < 3; ++c) {
-                const auto units = static_cast<std::uint64_t>(color[c] * 65535 + 0.5);
-                sum.color[c] += units;
-                sum.square[c] += units * units;
-            }
-            ++sum.covered;
+            // In world space and in double but for the highlight: another way than the particles' own.
+            color_sum[pixel] += shade(scene, scene.objects[repeat.bin_of(winner.index) % 2],
+                                      scene.camera.to_world(set.frame.view_position(p)),
+                                      scene.camera.world_vector({n.x, n.y, n.z}));
+            ++expected[pixel].covered;
             ++covered;
-            sum.depth = std::min(sum.depth, winner.depth);
+            expected[pixel].depth = std::min(expected[pixel].depth, winner.depth);
         }
     }
-    ASSERT_GT(covered, pixels / 2);  // there is something to compare
+    ASSERT_GT(covered, expected.size() / 2);  // there is something to compare
 
-    EnsembleSums sums{.pixels = std::vector<EnsembleSums::Pixel>(pixels)};
-    draw_ensemble(scene, set, sums);
+    EnsembleSums sums = make_sums(scene);
+    make_plain_drawer(scene)->draw(set, sums);
     EXPECT_EQ(sums.repeats, 9U);
     EXPECT_EQ(sums.particles, set.count());
-    for (std::size_t i = 0; i < pixels; ++i) {
-        for (int c = 0; c < 3; ++c) {
-            ASSERT_EQ(sums.pixels[i].color[c], expected[i].color[c]) << i;
-            ASSERT_EQ(sums.pixels[i].square[c], expected[i].square[c]) << i;
-        }
+    for (std::size_t i = 0; i < expected.size(); ++i) {
         ASSERT_EQ(sums.pixels[i].covered, expected[i].covered) << i;
         ASSERT_EQ(sums.pixels[i].depth, expected[i].depth) << i;
+        for (int c = 0; c < 3; ++c) {
+            // Rounding to units, and float32 on both sides: at most one unit for each colour.
+            const double units = color_sum[i][c] * 65535;
+            ASSERT_NEAR(static_cast<double>(sums.pixels[i].color[c]), units, 1.0 * expected[i].covered) << i;
+        }
+    }
+}
+
+TEST(PlainDrawer, SquaresAreThoseOfTheColors) {
+    const PreparedScene scene = two_glossy_tori();
+    const ParticleSet set = sample_particles(scene, make_samplers(scene), {}, 0, 1);
+    EnsembleSums sums = make_sums(scene);
+    make_plain_drawer(scene)->draw(set, sums);
+    for (const EnsembleSums::Pixel& p : sums.pixels)
+        for (int c = 0; c < 3; ++c) ASSERT_EQ(p.square[c], p.color[c] * p.color[c]);
+}
+
+TEST(PlainDrawer, WinnersAreThoseOfTheFrame) {
+    const PreparedScene scene = two_glossy_tori();
+    const ParticleSet set = sample_particles(scene, make_samplers(scene), {}, 0, 3);
+    const twin::Projection projection = set.frame.projection(scene.camera);
+    const std::vector<Winners> winners = make_plain_drawer(scene)->winners(set);
+    ASSERT_EQ(winners.size(), 3U);
+    for (std::size_t r = 0; r < winners.size(); ++r) {
+        std::vector<std::uint32_t> unused;
+        Winners expected(set.repeats[r].particles.size(), kNoPixel);
+        for (const auto& [pixel, winner] : winners_one_by_one(set.repeats[r].particles, projection, unused))
+            expected[winner.index] = pixel;
+        EXPECT_EQ(winners[r], expected);
+    }
+}
+
+TEST(SortByTile, KeepsEveryParticleAndItsObjectInItsTile) {
+    const PreparedScene scene = two_glossy_tori();
+    twin::Projection projection = ParticleFrame(scene.camera).projection(scene.camera);
+    for (const std::size_t count : {0U, 1U, 3U, 100U, 50000U}) {
+        std::vector<Particle> particles = scattered(count);
+        for (std::size_t i = 0; i < count; ++i) particles[i].normal = static_cast<std::uint32_t>(i);  // its name
+        const std::vector<std::uint32_t> ends{static_cast<std::uint32_t>(count / 3), static_cast<std::uint32_t>(count / 3),
+                                              static_cast<std::uint32_t>(count)};
+        const RepeatParticles sorted = sort_by_tile(particles, ends, projection);
+        const TileGrid grid(projection.width, projection.height);
+        ASSERT_EQ(sorted.particles.size(), count);
+        std::uint32_t last_bin = 0;
+        std::uint32_t last_name = 0;
+        std::vector<bool> seen(count, false);
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const Particle& p = sorted.particles[i];
+            const std::uint32_t bin = sorted.bin_of(i);
+            EXPECT_EQ(bin % 3, p.normal < ends[0] ? 0U : 2U);
+            const twin::PixelDepth at = twin::project_particle(projection, p);
+            EXPECT_EQ(bin / 3, at.column < 0 ? grid.count() : grid.tile(at.column, at.row));
+            EXPECT_GE(bin, last_bin);
+            if (i > 0 && bin == last_bin) {
+                EXPECT_GT(p.normal, last_name);
+            }
+            last_bin = bin;
+            last_name = p.normal;
+            EXPECT_FALSE(seen[p.normal]);
+            seen[p.normal] = true;
+        }
+        for (std::size_t run = 1; run < sorted.runs.size(); ++run)
+            EXPECT_LT(sorted.runs[run - 1].bin, sorted.runs[run].bin);
+    }
+}
+
+TEST(ColorUnits, KeepTwentyBitsForAnyBrightness) {
+    for (const double brightest : {0.0, 1.0, 15.9, 16.0, 16.1, 1000.0, 65536.0, 1e30}) {
+        const double units = color_units_of(brightest);
+        EXPECT_LT(brightest * units + 0.5, 0x1p20) << brightest;
+        if (brightest <= 16) {
+            EXPECT_EQ(units, 65535) << brightest;
+        } else {
+            EXPECT_GE(brightest * units, 0x1p18) << brightest;
+        }
     }
 }
 

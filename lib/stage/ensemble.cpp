@@ -1,0 +1,73 @@
+#include "stage/ensemble.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+#include "core/parallel.hpp"
+#include "scene/shading.hpp"
+
+namespace pellucid {
+
+void EnsembleSums::Pixel::add(const Pixel& other) {
+    for (int c = 0; c < 3; ++c) {
+        color[c] += other.color[c];
+        square[c] += other.square[c];
+    }
+    covered += other.covered;
+    depth = std::min(depth, other.depth);
+}
+
+EnsembleSums::EnsembleSums(const Camera& camera, double units_of_one)
+    : pixels(static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height())), units(units_of_one) {}
+
+void EnsembleSums::add(const EnsembleSums& other) {
+    parallel_for(pixels.size(), 4096, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) pixels[i].add(other.pixels[i]);
+    });
+    particles += other.particles;
+    repeats += other.repeats;
+}
+
+double EnsembleSums::variance_of_mean(std::size_t pixel, int channel) const {
+    if (repeats < 2) return kInfinity;
+    const auto n = static_cast<double>(repeats);
+    const Pixel& p = pixels[pixel];
+    if (channel == 3) return (p.covered - p.covered / n * p.covered) / (n * (n - 1));
+    const double sum = static_cast<double>(p.color[channel]) / units;
+    const double squares = static_cast<double>(p.square[channel]) / (units * units);
+    return std::max(0.0, squares - sum * (sum / n)) / (n * (n - 1));
+}
+
+double color_units_of(double brightest) {
+    const int excess = brightest > 16 ? static_cast<int>(std::ceil(std::log2(brightest))) - 4 : 0;
+    return std::ldexp(65535.0, -excess);
+}
+
+EnsembleSums make_sums(const PreparedScene& scene) { return {scene.camera, color_units_of(brightest_color(scene))}; }
+
+Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums) {
+    Image image(camera.width(), camera.height());
+    const auto repeats = static_cast<double>(sums.repeats);
+    const char* const names[4] = {"R", "G", "B", "A"};
+    std::span<float> mean[4];
+    std::span<float> variance[4];
+    for (int c = 0; c < 4; ++c) {
+        mean[c] = image.add(names[c]);
+        variance[c] = image.add(std::string("variance.") + names[c]);
+    }
+    const std::span<float> z = image.add("Z", std::numeric_limits<float>::infinity());
+
+    for (std::size_t i = 0; i < sums.pixels.size(); ++i) {
+        const EnsembleSums::Pixel& p = sums.pixels[i];
+        for (int c = 0; c < 3; ++c)
+            mean[c][i] = static_cast<float>(static_cast<double>(p.color[c]) / sums.units / repeats);
+        mean[3][i] = static_cast<float>(p.covered / repeats);
+        for (int c = 0; c < 4; ++c) variance[c][i] = static_cast<float>(sums.variance_of_mean(i, c));
+        if (p.covered > 0)
+            z[i] = static_cast<float>(frame.view_position({0, 0, twin::uintBitsToFloat(p.depth), 0}).z);
+    }
+    return image;
+}
+
+}  // namespace pellucid

@@ -1,0 +1,53 @@
+// The ensemble of repeats: what every backend adds up, and the image that is made of it (STEP 3 of PBSR).
+#pragma once
+
+#include <cstdint>
+#include <vector>
+
+#include "core/image.hpp"
+#include "sample/particle_set.hpp"
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid {
+
+/// Sums over repeats, in integers, so that their order does not matter.
+struct EnsembleSums {
+    struct Pixel {
+        std::uint64_t color[3]{};     // in units: below 2^20 each
+        std::uint64_t square[3]{};
+        std::uint32_t covered = 0;    // repeats in which the pixel was hit
+        std::uint32_t depth = ~0U;    // bits of the least depth beyond near
+
+        void add(const Pixel& other);
+    };
+    std::vector<Pixel> pixels;        // row by row
+    double units = 65535;             // color units of 1.0: see color_units_of
+    std::uint64_t particles = 0;
+    std::uint64_t repeats = 0;
+
+    /// Nothing yet, for the camera's image.
+    EnsembleSums(const Camera& camera, double units);
+    void add(const EnsembleSums& other);
+    /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the variance of
+    /// its mean. +inf for a single repeat.
+    [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
+};
+
+/// Most repeats that the sums hold: 2^24 squares of 40 bits.
+inline constexpr std::uint32_t kMostRepeats = 1U << 24U;
+
+/// Brighter scenes are refused: shading in float32 would overflow.
+inline constexpr double kMostParticleColor = 1e30;
+
+/// Color units of 1.0 for colours up to `brightest`: 65535 up to 16, halved with every doubling beyond. So a colour
+/// is quantised to 1/65535, or to 2^-20 of the brightest one.
+[[nodiscard]] double color_units_of(double brightest);
+
+/// Sums of nothing yet, for a scene's image and its brightest colour.
+[[nodiscard]] EnsembleSums make_sums(const PreparedScene& scene);
+
+/// R, G, B (associated), A, Z, and variance.R/G/B/A of the pixel's mean: the sample variance over the
+/// repeats divided by their number; +inf for a single repeat, of which nothing can be said.
+[[nodiscard]] Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums);
+
+}  // namespace pellucid

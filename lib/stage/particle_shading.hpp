@@ -1,0 +1,27 @@
+// A scene's materials, lights and images as numbers in view space: what every backend shades particles from.
+#pragma once
+
+#include <span>
+#include <vector>
+
+#include "kernel/particle_twin.h"
+#include "sample/particle_set.hpp"
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid {
+
+/// Plain arrays, so that they can be copied to a device as they are.
+struct ParticleShading {
+    twin::ShadingView view{};
+    std::vector<twin::Material> materials;  // one an object
+    std::vector<twin::ViewLight> lights;
+    std::vector<twin::Vec3f> texels;        // of all images, row by row
+
+    ParticleShading(const PreparedScene& scene, const ParticleFrame& frame);
+};
+
+/// Colour of a particle of an object, by kernel/particle_twin.h.
+[[nodiscard]] twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t object,
+                                              const Particle& particle);
+
+}  // namespace pellucid
