@@ -15,6 +15,7 @@
 #include "bench/workloads.hpp"
 #include "core/error.hpp"
 #include "core/parallel.hpp"
+#include "cpu/fast_particles.hpp"
 #include "cpu/plain_particles.hpp"
 #include "harness/provenance.hpp"
 #include "reference/ray_scene.hpp"
@@ -63,12 +64,16 @@ template <std::uint64_t total>
     return made;
 }
 
-template <std::uint64_t total>
+using MakeDrawer = std::unique_ptr<ParticleDrawer> (*)(const PreparedScene&);
+
+/// Everything: sums cleared, particles projected, winners shaded and added.
+template <std::uint64_t total, MakeDrawer make_drawer>
 void draw_whole_ensemble(benchmark::State& state) {
     const Drawing& d = drawing<total>();
+    const auto drawer = make_drawer(d.scene);
     for (auto _ : state) {
         EnsembleSums sums = make_sums(d.scene);
-        make_plain_drawer(d.scene)->draw(d.particles, sums);
+        drawer->draw(d.particles, sums);
         benchmark::DoNotOptimize(sums.pixels.data());
     }
     state.counters["particles"] = rate(done(state) * d.particles.count());
@@ -193,8 +198,9 @@ void register_all() {
     const auto thrice = [&](benchmark::internal::Benchmark* b) { return once(b)->Iterations(3); };
     thrice(RegisterBenchmark("draw/probe", splat_probe));
     once(RegisterBenchmark("draw/winners_5e7", draw_winners_only));
-    once(RegisterBenchmark("draw/ensemble_5e7", draw_whole_ensemble<50'000'000>));
-    once(RegisterBenchmark("draw/ensemble_5e6", draw_whole_ensemble<5'000'000>));
+    thrice(RegisterBenchmark("draw/fast_5e7", draw_whole_ensemble<50'000'000, make_fast_drawer>));
+    thrice(RegisterBenchmark("draw/fast_5e6", draw_whole_ensemble<5'000'000, make_fast_drawer>));
+    once(RegisterBenchmark("draw/plain_5e7", draw_whole_ensemble<50'000'000, make_plain_drawer>));
     thrice(RegisterBenchmark("sample/probe", torus_lines_probe));
     once(RegisterBenchmark("sample/torus", sample<torus>));
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full>));

@@ -4,6 +4,6 @@
 TWIN_BEGIN
 TWIN_FN float twin_reciprocal(float x) { return 1.0f / x; }
 TWIN_FN float twin_rsqrt(float x) { return 1.0f / sqrt(x); }
-TWIN_FN float twin_power(float x, float y) { return x == 0.0f ? (y == 0.0f ? 1.0f : 0.0f) : pow(x, y); }
+TWIN_FN float twin_power(float x, float y) { return x*x*y; }
 TWIN_END
 #endif

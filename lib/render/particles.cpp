@@ -6,7 +6,7 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
-#include "cpu/plain_particles.hpp"
+#include "cpu/fast_particles.hpp"
 #include "render/methods.hpp"
 #include "scene/shading.hpp"
 
@@ -105,7 +105,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     Stage drawing{"project and average", 0, frame_bytes(scene.camera), ""};
 
     EnsembleSums sums = make_sums(scene);
-    const std::unique_ptr<ParticleDrawer> drawer = make_plain_drawer(scene);
+    const std::unique_ptr<ParticleDrawer> drawer = make_fast_drawer(scene);
     // With an error to reach, the number of repeats doubles until it is reached: a rule that does not
     // depend on memory or threads, so neither does the image.
     std::uint32_t done = 0;

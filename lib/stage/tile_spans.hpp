@@ -1,0 +1,35 @@
+// The work of a particle set tile by tile: what a core or a workgroup draws while one tile's pixels stay near.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "sample/particle_set.hpp"
+
+namespace pellucid {
+
+/// What one repeat has in one tile: consecutive runs, so consecutive particles.
+struct TileSpan {
+    std::uint32_t repeat;  // of the set, from 0
+    std::uint32_t first_run;
+    std::uint32_t end_run;
+};
+
+/// Spans sorted by tile, within a tile by repeat; no span is empty. Particles out of view are left out.
+struct TileSpans {
+    std::vector<TileSpan> spans;
+    std::vector<std::uint32_t> tile_begin;  // first span of each tile, and their number
+
+    TileSpans(const ParticleSet& set, std::size_t tiles);
+    [[nodiscard]] std::span<const TileSpan> of(std::size_t tile) const {
+        return std::span(spans).subspan(tile_begin[tile], tile_begin[tile + 1] - tile_begin[tile]);
+    }
+};
+
+/// First particle of run `run` of the repeat; for run = their number, the number of particles.
+[[nodiscard]] inline std::uint32_t run_begin(const RepeatParticles& repeat, std::uint32_t run) {
+    return run < repeat.runs.size() ? repeat.runs[run].begin : static_cast<std::uint32_t>(repeat.particles.size());
+}
+
+}  // namespace pellucid
