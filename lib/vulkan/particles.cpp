@@ -101,7 +101,7 @@ public:
         : device_(device),
           camera_(scene.camera),
           grid_(scene.camera.width(), scene.camera.height()),
-          group_size_(settings.workgroup_size > 0 ? settings.workgroup_size : default_group_size(device)),
+          group_size_(group_size(device, settings)),
           draw_(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_, 1U}}),
           find_(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_, 0U}}),
           mean_(device, kMeanWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_}}),
@@ -188,9 +188,12 @@ public:
     [[nodiscard]] std::int64_t bytes() const override { return static_cast<std::int64_t>(device_.peak_bytes()); }
 
 private:
-    [[nodiscard]] static std::uint32_t default_group_size(const Device& device) {
+    /// Whole subgroups: lavapipe 22.3 lets the idle invocations of a broken one write.
+    [[nodiscard]] static std::uint32_t group_size(const Device& device, const DrawerSettings& settings) {
         const DeviceInfo& info = device.info();
-        return info.is_gpu ? std::min(256U, info.max_workgroup_size) : info.subgroup_size;
+        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 1;
+        const std::uint32_t subgroup = std::max(1U, info.subgroup_size);
+        return std::min((wished + subgroup - 1) / subgroup * subgroup, info.max_workgroup_size);
     }
 
     [[nodiscard]] Buffer filled(std::span<const std::byte> bytes) const {
