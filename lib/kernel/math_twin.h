@@ -10,11 +10,12 @@
 //
 // A subnormal argument is read as the zero of its sign and a subnormal result is given as the zero of its
 // sign, by integers: so a device that flushes subnormals and one that keeps them agree. Results too large are
-// infinite; NaN gives NaN (a device may keep neither of them as an argument). No branches: g++ vectorises loops.
+// infinite; NaN gives NaN (a device need not keep infinity and NaN as arguments). No branch: g++ vectorises.
 //
-// Heads and tails: a number of 24 bits is the sum of two of 12, whose products are exact; an error that matters
-// is computed that way and added last. Polynomials: own fits, the largest error made least (Lawson), coefficients
-// rounded to float from the lowest on and the others fitted again; their errors are stated where they stand.
+// Heads and tails: a number of 24 bits is the sum of two of 12, whose products are exact; an error that
+// matters is computed that way and added last. Polynomials: own fits, the largest error made least (Lawson's
+// iteration at 150 Chebyshev points), coefficients rounded to float from the lowest on and the others fitted
+// again; their errors are stated where they stand.
 #ifndef PELLUCID_KERNEL_MATH_TWIN_H
 #define PELLUCID_KERNEL_MATH_TWIN_H
 #include "kernel/twin.h"
@@ -116,7 +117,8 @@ TWIN_FN float twin_rsqrt(float x) {
     TWIN_PRECISE float m_tail = m - m_head;
     TWIN_PRECISE float y2_head = cut_head(y2);
     TWIN_PRECISE float y2_tail = y2 - y2_head;
-    TWIN_PRECISE float e = (((1.0f - m_head * y2_head) - m_head * y2_tail) - m_tail * y2_head) - m_tail * y2_tail;
+    TWIN_PRECISE float e0 = (1.0f - m_head * y2_head) - m_head * y2_tail;
+    TWIN_PRECISE float e = (e0 - m_tail * y2_head) - m_tail * y2_tail;
     TWIN_PRECISE float r = y + y * (e * (0.5f + 0.375f * e));
     uint bits = floatBitsToUint(r) - (uint(scaled.half_exponent) << 23u);
     bits = bits_where(size == kInfinityBits, 0u, bits);
@@ -289,14 +291,16 @@ TWIN_FN bool is_invalid(float x) {
     return int(kept) > int(kInfinityBits);
 }
 
-// x^y = 2^(y·log2 x), the product in head and tail. x^0 = 1 even for x = 0 and infinity, 1^y = 1; a negative
-// argument is as good as NaN. Of y·log2 x up to 128 in size the error is 2^-26, half of what r in exp2_of_parts is rounded to.
+// x^y = 2^(y·log2 x), the product in head and tail: up to 128 in size it is good to 2^-26, half of what its
+// fraction is rounded to. x^0 = 1 even for x = 0 and infinity, 1^y = 1; negative arguments count as NaN.
 TWIN_FN float twin_power(float x, float y) {
     uint x_size = floatBitsToUint(x) & ~kSignBit;
     uint y_size = floatBitsToUint(y) & ~kSignBit;
     HeadTail l = log2_parts(x);
     // No x but 1 is so near to 1 that 2^32 does not bring it out of range.
-    TWIN_PRECISE float near_y = uintBitsToFloat(bits_where(y > 4294967296.0f, 0x4f800000u, floatBitsToUint(y)));
+    const uint k2To32Bits = 0x4f800000u;
+    uint near_y_bits = bits_where(int(y_size) > int(k2To32Bits), k2To32Bits, y_size);
+    TWIN_PRECISE float near_y = uintBitsToFloat(near_y_bits);
     TWIN_PRECISE float y_head = cut_head(near_y);
     TWIN_PRECISE float y_tail = near_y - y_head;
     TWIN_PRECISE float l_head = cut_head(l.head);
