@@ -13,7 +13,6 @@
 #include <fstream>
 #include <limits>
 #include <mutex>
-#include <regex>
 #include <set>
 #include <sstream>
 #include <string>
@@ -287,8 +286,9 @@ TEST(MathTwin, TheMeasureSeesWrongResults) {
     EXPECT_EQ(ulp_error(1.0f - 0x1p-24f, 1.0 - 0x1p-25), 1 - 0.5);
     EXPECT_EQ(ulp_error(0.0f, 0x1p-127), 0);
     const std::pair<float, double> wrong_results[] = {
-        {0.0f, -0.0}, {-0.0f, 0x1p-130}, {0.0f, 0x1p-126},   {1.0f, -1.0},  {kNan, 1.0},           {1.0f, kNan},
-        {1e38f, 1e39}, {kInfinity, 1e38}, {1.0f, kInfinity}, {kInfinity, -1e39}, {0x1p-127f, 0x1p-127}};
+        {0.0f, -0.0},   {-0.0f, 0x1p-130}, {0.0f, 0x1p-126},     {1.0f, -1.0},
+        {kNan, 1.0},    {1.0f, kNan},      {kInfinity, 1e38},    {1.0f, kInfinity},
+        {1e38f, 1e39},  {kInfinity, -1e39}, {0x1p-127f, 0x1p-127}};
     for (const auto& [got, exact] : wrong_results)
         EXPECT_EQ(ulp_error(got, exact), double{kInfinity}) << got << " for " << exact;
     // One wrong number in a block, ordinary or not.
@@ -402,7 +402,7 @@ TEST(MathTwin, PowerWithinItsBound) {
     RecordProperty("worst_ulp", fmt::format("{:.4f}", worst));
 }
 
-TEST(MathTwin, HighlightsFallFromOneAndNeverRiseByMoreThanTheBound) {
+TEST(MathTwin, HighlightsRiseToOne) {
     for (const float y : {1.0f, 5.0f, 32.0f, 1000.0f, 10000.0f}) {
         float before = 0;
         for (int i = 0; i <= 4000; ++i) {
@@ -451,22 +451,23 @@ TEST(MathTwin, InGlslOnlyUncontractedSumsAndProducts) {
     if (std::system("glslc --version > /dev/null 2>&1") != 0) GTEST_SKIP() << "skipped: no glslc";
     for (const std::string options : {"-O0", "-O"}) {
         std::istringstream lines(shader_assembly(options));
-        const std::regex decoration(R"(\s*OpDecorate (%\w+) NoContraction\s*)");
-        const std::regex instruction(R"(\s*(%\w+) = (Op\w+)(?: %\w+ %\w+ (\w+))?.*)");
         const std::set<std::string> sums{"OpFAdd", "OpFSub", "OpFMul"};
         const std::set<std::string> inexact{"OpFDiv", "OpFRem", "OpFMod", "OpDot", "OpVectorTimesScalar"};
         std::set<std::string> uncontracted;
         int count = 0;
         for (std::string line; std::getline(lines, line);) {
-            std::smatch match;
-            if (std::regex_match(line, match, decoration)) uncontracted.insert(match[1]);
-            if (!std::regex_match(line, match, instruction)) continue;
-            if (sums.contains(match[2])) {
+            // OpDecorate %id NoContraction, or %id = operation %type ...; for OpExtInst then %set and name.
+            std::istringstream words(line);
+            std::string first, second, operation, type, set, name;
+            words >> first >> second >> operation >> type >> set >> name;
+            if (first == "OpDecorate" && operation == "NoContraction") uncontracted.insert(second);
+            if (second != "=") continue;
+            if (sums.contains(operation)) {
                 ++count;
-                EXPECT_TRUE(uncontracted.contains(match[1])) << options << ": " << line;
+                EXPECT_TRUE(uncontracted.contains(first)) << options << ": " << line;
             }
-            EXPECT_FALSE(inexact.contains(match[2])) << options << ": " << line;
-            EXPECT_TRUE(match[2] != "OpExtInst" || match[3] == "SMin") << options << ": " << line;
+            EXPECT_FALSE(inexact.contains(operation)) << options << ": " << line;
+            EXPECT_TRUE(operation != "OpExtInst" || name == "SMin") << options << ": " << line;
         }
         EXPECT_GT(count, 150) << options;
     }
