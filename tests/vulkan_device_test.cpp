@@ -14,6 +14,11 @@
 #include "core/error.hpp"
 #include "core/stopwatch.hpp"
 
+#ifdef __SANITIZE_ADDRESS__
+/// The layer 1.3.239 drops some memory for every shader that it looks at; drivers and our own code do not.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libVkLayer_khronos_validation.so\n"; }
+#endif
+
 namespace pellucid::vulkan {
 namespace {
 
@@ -283,7 +288,9 @@ TEST_F(VulkanLayer, AddressesReachBeyondTheLargestBinding) {
     commands.dispatch(kernel, ProbePush{buffer.address(), kCount, 2, 0, 0}, device().groups_for(kCount, 64));
     commands.submit_and_wait();
     download(device(), buffer, std::as_writable_bytes(std::span(values)));
-    for (std::uint32_t i = 0; i < kCount; ++i) ASSERT_EQ(values[i], 2 * i);
+    int wrong = 0;
+    for (std::uint32_t i = 0; i < kCount; ++i) wrong += values[i] != 2 * i ? 1 : 0;
+    EXPECT_EQ(wrong, 0);
 }
 
 TEST_F(VulkanLayer, GroupsForHasEveryInvocationOnce) {

@@ -48,8 +48,22 @@ VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT
     });
 }
 
+/// An instance that lives as long as the process, so that drivers (and the layer) stay loaded: to load them
+/// takes tens of milliseconds, and they forget some of their memory each time they are unloaded.
+void keep_loaded(bool validation_layer) {
+    static std::once_flag drivers, layer;
+    std::call_once(validation_layer ? layer : drivers, [&] {
+        auto create = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+        create.enabledLayerCount = validation_layer ? 1 : 0;
+        create.ppEnabledLayerNames = &kValidationLayer;
+        VkInstance kept = VK_NULL_HANDLE;  // the loader knows it; a failure shows again where it matters
+        static_cast<void>(vkCreateInstance(&create, nullptr, &kept));
+    });
+}
+
 /// Into context.instance and context.messenger.
 [[nodiscard]] VkResult create_instance(Context& context, bool validate) {
+    keep_loaded(validate);
     auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
     application.pApplicationName = "pellucid";
     application.apiVersion = VK_API_VERSION_1_3;
