@@ -24,8 +24,8 @@ namespace {
 constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
 /// Most lanes of 32 bits: what is read in whole vectors is padded by this much.
 constexpr std::size_t kMostLanes = 64;
-/// Particles shaded at a time: all their intermediate numbers fit into the first-level cache.
-constexpr std::size_t kShadeBlock = 128;
+/// Particles shaded at a time: their intermediate numbers fit into the first-level cache. A multiple of kMostLanes.
+constexpr std::size_t kShadeBlock = 256;
 
 /// A pixel's sums, one cache line.
 struct alignas(64) TilePixel {
@@ -125,42 +125,179 @@ void project_span(const twin::Projection& p, const Particle* particles, std::uin
     }
 }
 
-/// Colours of `count` particles of one object without an image: loops over the twins that the compiler vectorises.
-HWY_ATTR __attribute__((flatten)) void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles, std::size_t count,
-                 twin::ColorUnits* out) {
-    using Column = std::array<float, kShadeBlock>;
-    alignas(64) Column view_x, view_y, view_z, normal_x, normal_y, normal_z, diffuse, specular;
-    const twin::ShadingView view = shading.view;
-    for (std::size_t i = 0; i < count; ++i) {
-        const twin::Vec3f v = twin::direction_to_viewer(view, particles[i]);
-        const twin::Vec3f n = twin::turned_to(twin::unpack_normal(particles[i].normal), v);
-        view_x[i] = v.x;
-        view_y[i] = v.y;
-        view_z[i] = v.z;
-        normal_x[i] = n.x;
-        normal_y[i] = n.y;
-        normal_z[i] = n.z;
-        diffuse[i] = 0;
-        specular[i] = 0;
-    }
-    for (const twin::ViewLight light : shading.lights) {
-        if (m.flat_colored != 0) break;
-        const bool headlight = light.headlight != 0;
-        for (std::size_t i = 0; i < count; ++i) {
-            const twin::Vec3f v{view_x[i], view_y[i], view_z[i]};
-            const twin::Vec3f l{headlight ? v.x : light.direction.x, headlight ? v.y : light.direction.y,
-                                headlight ? v.z : light.direction.z};
-            const twin::LightSums sums = twin::add_light({diffuse[i], specular[i]}, {normal_x[i], normal_y[i], normal_z[i]},
-                                                         v, l, light.intensity, m.shininess);
-            diffuse[i] = sums.diffuse;
-            specular[i] = sums.specular;
-        }
-    }
-    for (std::size_t i = 0; i < count; ++i)
-        out[i] = twin::color_units(m, {diffuse[i], specular[i]}, m.red, m.green, m.blue, view.units);
+// SIMD of kernel/math_twin.h, normal_twin.h, shading_twin.h and particle_twin.h: the same operations in the same
+// order, so the same bits.
+
+using V = hn::Vec<F>;
+
+[[nodiscard]] HWY_INLINE V set(float value) { return hn::Set(F(), value); }
+
+/// a + b·c: two roundings, as in the twins.
+[[nodiscard]] HWY_INLINE V add_product(V a, V b, V c) { return hn::Add(a, hn::Mul(b, c)); }
+
+struct V3 {
+    V x, y, z;
+};
+
+[[nodiscard]] HWY_INLINE V dot(const V3& a, const V3& b) {
+    return add_product(add_product(hn::Mul(a.x, b.x), a.y, b.y), a.z, b.z);
 }
 
-void shade_run(const ParticleShading& shading, std::uint32_t object, const Particle* particles, std::size_t count, twin::ColorUnits* out) {
+[[nodiscard]] HWY_INLINE V quick_rsqrt(V x) {
+    const U u;
+    const V half_x = hn::Mul(set(0.5F), x);
+    V y = hn::BitCast(F(), hn::Sub(hn::Set(u, 0x5f3759dfU), hn::ShiftRight<1>(hn::BitCast(u, x))));
+    for (int step = 0; step < 2; ++step) {
+        const V e = hn::Sub(set(0.5F), hn::Mul(hn::Mul(half_x, y), y));
+        y = add_product(y, y, hn::Mul(e, add_product(set(1.0F), set(1.5F), e)));
+    }
+    return y;
+}
+
+[[nodiscard]] HWY_INLINE V quick_log2(V x) {
+    const I s;
+    const auto bits = hn::BitCast(s, x);
+    const auto k = hn::ShiftRight<23>(hn::Sub(bits, hn::Set(s, 0x3f3504f3)));
+    const V f = hn::Sub(hn::BitCast(F(), hn::Sub(bits, hn::ShiftLeft<23>(k))), set(1.0F));
+    const auto line = [&](float c0, float c1) { return add_product(set(c0), f, set(c1)); };
+    const V f2 = hn::Mul(f, f);
+    const V f4 = hn::Mul(f2, f2);
+    const V low = add_product(line(1.44269502F, -0.721347332F), f2, line(0.480910629F, -0.360703677F));
+    const V high = add_product(line(0.287916243F, -0.238944829F), f2, line(0.215715617F, -0.207269683F));
+    return add_product(hn::ConvertTo(F(), k), f, add_product(low, f4, add_product(high, f4, set(0.125836894F))));
+}
+
+[[nodiscard]] HWY_INLINE V quick_exp2(V t) {
+    const I s;
+    const auto n = hn::Sub(hn::BitCast(s, hn::Add(t, set(12582912.0F))), hn::Set(s, 0x4b400000));
+    const V r = hn::Sub(t, hn::ConvertTo(F(), n));
+    const auto line = [&](float c0, float c1) { return add_product(set(c0), r, set(c1)); };
+    const V r2 = hn::Mul(r, r);
+    const V high = add_product(line(0.00961848907F, 0.00133999309F), r2, set(0.00015345811F));
+    const V low = add_product(line(1.0F, 0.693147182F), r2, line(0.240226462F, 0.0555032864F));
+    const auto scaled = hn::Add(hn::BitCast(s, add_product(low, hn::Mul(r2, r2), high)), hn::ShiftLeft<23>(n));
+    return hn::BitCast(F(), hn::IfThenZeroElse(hn::Lt(n, hn::Set(s, -125)), scaled));
+}
+
+/// The two halves of quick_power(x, y): its exponent, and what it is raised from.
+[[nodiscard]] HWY_INLINE V power_exponent(V x, float y) {
+    return hn::Max(hn::Mul(set(y), quick_log2(hn::Max(x, set(1.17549435e-38F)))), set(-150.0F));
+}
+[[nodiscard]] HWY_INLINE V power_of(V x, float y, V exponent) {
+    return hn::IfThenElse(hn::Gt(x, set(0)), quick_exp2(exponent), set(y > 0 ? 0.0F : 1.0F));
+}
+
+[[nodiscard]] HWY_INLINE V with_sign_of(V size, V sign) { return hn::Or(size, hn::And(sign, set(-0.0F))); }
+
+[[nodiscard]] HWY_INLINE V3 scaled(const V3& v, V s) { return {hn::Mul(v.x, s), hn::Mul(v.y, s), hn::Mul(v.z, s)}; }
+
+[[nodiscard]] HWY_INLINE V3 unpack_normal(hn::Vec<U> bits) {
+    const I s;
+    const auto restore = [&](hn::Vec<U> sixteen) {
+        return hn::ConvertTo(F(), hn::Sub(hn::BitCast(s, sixteen), hn::Set(s, 32768)));
+    };
+    const V u = restore(hn::And(bits, hn::Set(U(), 65535)));
+    const V v = restore(hn::ShiftRight<16>(bits));
+    const V z = hn::Sub(hn::Sub(set(32767.0F), hn::Abs(u)), hn::Abs(v));
+    const V fold = hn::Max(hn::Neg(z), set(0));
+    const V3 n{hn::Sub(u, with_sign_of(fold, u)), hn::Sub(v, with_sign_of(fold, v)), z};
+    return scaled(n, quick_rsqrt(dot(n, n)));
+}
+
+[[nodiscard]] HWY_INLINE V3 direction_to_viewer(const twin::ShadingView& view, V x, V y, V above_near) {
+    if (view.perspective == 0) return {set(0), set(0), set(-1.0F)};
+    const I s;
+    const V z = hn::Add(set(view.near), above_near);
+    const V largest = hn::Max(hn::Max(hn::Abs(x), hn::Abs(y)), z);
+    const auto biased = hn::And(hn::ShiftRight<23>(hn::BitCast(s, largest)), hn::Set(s, 255));
+    const auto exponent = hn::Max(hn::Sub(biased, hn::Set(s, 127)), hn::Set(s, -126));
+    const V power = hn::BitCast(F(), hn::ShiftLeft<23>(hn::Sub(hn::Set(s, 127), exponent)));
+    const V3 v = scaled({x, y, z}, power);
+    const V r = quick_rsqrt(dot(v, v));
+    return {hn::Mul(hn::Neg(v.x), r), hn::Mul(hn::Neg(v.y), r), hn::Mul(hn::Neg(v.z), r)};
+}
+
+[[nodiscard]] HWY_INLINE V3 turned_to(const V3& n, const V3& v) {
+    const V turn = hn::And(dot(n, v), set(-0.0F));
+    return {hn::Xor(n.x, turn), hn::Xor(n.y, turn), hn::Xor(n.z, turn)};
+}
+
+[[nodiscard]] HWY_INLINE hn::Vec<U> channel_units(V value, float units) {
+    const V scaled_value = add_product(set(0.5F), hn::Max(value, set(0)), set(units));
+    const auto whole = hn::BitCast(U(), hn::ConvertTo(I(), hn::Min(scaled_value, set(2097152.0F))));
+    return hn::Min(whole, hn::Set(U(), twin::kMostColorUnits));
+}
+
+/// Numbers of a block of particles, by vector.
+using Column = std::array<float, kShadeBlock>;
+HWY_INLINE V get(const Column& column, std::size_t i) { return hn::Load(F(), column.data() + i); }
+HWY_INLINE void put(V value, Column& column, std::size_t i) { hn::Store(value, F(), column.data() + i); }
+struct alignas(64) Column3 {
+    Column x, y, z;
+};
+HWY_INLINE V3 get(const Column3& column, std::size_t i) { return {get(column.x, i), get(column.y, i), get(column.z, i)}; }
+HWY_INLINE void put(const V3& value, Column3& column, std::size_t i) {
+    put(value.x, column.x, i);
+    put(value.y, column.y, i);
+    put(value.z, column.z, i);
+}
+
+/// Diffuse and specular light on `count` particles, step by step for all of them: a step's chain of operations is
+/// short, and those of several vectors run side by side.
+void light_block(const ParticleShading& shading, float shininess, const Particle* particles, std::size_t count, Column& diffuse,
+                 Column& specular) {
+    const std::size_t lanes = hn::Lanes(F());
+    alignas(64) Column3 viewer, normal;
+    alignas(64) Column n_h, exponent;
+    for (std::size_t i = 0; i < count; i += lanes) {
+        V x, y, z, packed;
+        hn::LoadInterleaved4(F(), reinterpret_cast<const float*>(particles + i), x, y, z, packed);
+        const V3 v = direction_to_viewer(shading.view, x, y, z);
+        put(v, viewer, i);
+        put(turned_to(unpack_normal(hn::BitCast(U(), packed)), v), normal, i);
+        put(set(0), diffuse, i);
+        put(set(0), specular, i);
+    }
+    for (const twin::ViewLight& light : shading.lights) {
+        const V3 direction{set(light.direction.x), set(light.direction.y), set(light.direction.z)};
+        const V intensity = set(light.intensity);
+        for (std::size_t i = 0; i < count; i += lanes) {
+            const V3 v = get(viewer, i);
+            const V3 n = get(normal, i);
+            const V3 l = light.headlight != 0 ? v : direction;
+            const V3 h{hn::Add(l.x, v.x), hn::Add(l.y, v.y), hn::Add(l.z, v.z)};
+            const V product = hn::Mul(dot(n, h), quick_rsqrt(hn::Max(dot(h, h), set(1e-30F))));
+            put(hn::Min(hn::Max(product, set(0)), set(1.0F)), n_h, i);
+            put(add_product(get(diffuse, i), intensity, hn::Max(set(0), dot(n, l))), diffuse, i);
+        }
+        for (std::size_t i = 0; i < count; i += lanes) put(power_exponent(get(n_h, i), shininess), exponent, i);
+        for (std::size_t i = 0; i < count; i += lanes)
+            put(add_product(get(specular, i), intensity, power_of(get(n_h, i), shininess, get(exponent, i))), specular, i);
+    }
+}
+
+/// Colours of at most kShadeBlock particles of one object without an image.
+void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles, std::size_t count,
+                 twin::ColorUnits* out) {
+    alignas(64) Column diffuse, specular;
+    const bool lit = m.flat_colored == 0;
+    if (lit) light_block(shading, m.shininess, particles, count, diffuse, specular);
+    const float units = shading.view.units;
+    for (std::size_t i = 0; i < count; i += hn::Lanes(F())) {
+        V color[3] = {set(m.red), set(m.green), set(m.blue)};
+        if (lit) {
+            const V all = add_product(set(m.ambient), set(m.diffuse), get(diffuse, i));
+            const V highlight = hn::Mul(set(m.specular), get(specular, i));
+            for (V& channel : color) channel = hn::Add(hn::Mul(channel, all), highlight);
+        }
+        hn::StoreInterleaved3(channel_units(color[0], units), channel_units(color[1], units), channel_units(color[2], units),
+                              U(), reinterpret_cast<std::uint32_t*>(out + i));
+    }
+}
+
+/// Reads and writes whole vectors: both arrays have room behind `count`.
+void shade_run(const ParticleShading& shading, std::uint32_t object, const Particle* particles, std::size_t count,
+               twin::ColorUnits* out) {
     const twin::Material& m = shading.materials[object];
     if (m.texture_width > 0) {
         for (std::size_t i = 0; i < count; ++i) out[i] = shade_particle(shading, object, particles[i]);

@@ -47,11 +47,12 @@ TWIN_FN Vec3f unpack_normal(uint bits) {
     float u = restore_snorm(bits & 65535u);
     float v = restore_snorm(bits >> 16u);
     float z = 32767.0f - abs(u) - abs(v);
+    float fold = max(-z, 0.0f);  // how far beyond the diamond |u| + |v| = 1 of the upper half
     Vec3f n;
-    n.x = z < 0.0f ? (32767.0f - abs(v)) * sign_or_one(u) : u;
-    n.y = z < 0.0f ? (32767.0f - abs(u)) * sign_or_one(v) : v;
+    n.x = u - uintBitsToFloat(floatBitsToUint(fold) | (floatBitsToUint(u) & kSignBit));
+    n.y = v - uintBitsToFloat(floatBitsToUint(fold) | (floatBitsToUint(v) & kSignBit));
     n.z = z;
-    float r = twin_rsqrt(dot3(n, n));
+    float r = quick_rsqrt(dot3(n, n));
     n.x = n.x * r;
     n.y = n.y * r;
     n.z = n.z * r;

@@ -59,10 +59,11 @@ TWIN_FN Vec3f direction_to_viewer(ShadingView view, Particle q) {
     v.x = q.x * s;
     v.y = q.y * s;
     v.z = z * s;
-    float r = twin_rsqrt(dot3(v, v));
-    v.x = view.perspective != 0 ? -v.x * r : 0.0f;
-    v.y = view.perspective != 0 ? -v.y * r : 0.0f;
-    v.z = view.perspective != 0 ? -v.z * r : -1.0f;
+    float r = quick_rsqrt(dot3(v, v));
+    bool eye = view.perspective != 0;  // else all rays are parallel
+    v.x = eye ? -v.x * r : 0.0f;
+    v.y = eye ? -v.y * r : 0.0f;
+    v.z = eye ? -v.z * r : -1.0f;
     return v;
 }
 

@@ -13,8 +13,9 @@ struct LightSums {
 
 // n turned to the side of v.
 TWIN_FN Vec3f turned_to(Vec3f n, Vec3f v) {
-    float s = dot3(n, v) < 0.0f ? -1.0f : 1.0f;
-    return Vec3f(s * n.x, s * n.y, s * n.z);
+    uint turn = floatBitsToUint(dot3(n, v)) & kSignBit;
+    return Vec3f(uintBitsToFloat(floatBitsToUint(n.x) ^ turn), uintBitsToFloat(floatBitsToUint(n.y) ^ turn),
+                 uintBitsToFloat(floatBitsToUint(n.z) ^ turn));
 }
 
 // One light more; n, v (to the viewer) and l (to the light) have unit length.
@@ -22,9 +23,9 @@ TWIN_FN LightSums add_light(LightSums sums, Vec3f n, Vec3f v, Vec3f l, float int
     Vec3f h = Vec3f(l.x + v.x, l.y + v.y, l.z + v.z);
     float size2 = dot3(h, h);
     // A light from behind the point: no half-way direction.
-    float n_h = size2 > 1e-30f ? min(max(dot3(n, h) * twin_rsqrt(size2), 0.0f), 1.0f) : 0.0f;
+    TWIN_PRECISE float n_h = min(max(dot3(n, h) * quick_rsqrt(max(size2, 1e-30f)), 0.0f), 1.0f);
     TWIN_PRECISE float diffuse = sums.diffuse + intensity * max(0.0f, dot3(n, l));
-    TWIN_PRECISE float specular = sums.specular + intensity * twin_power(n_h, shininess);
+    TWIN_PRECISE float specular = sums.specular + intensity * quick_power(n_h, shininess);
     LightSums r;
     r.diffuse = diffuse;
     r.specular = specular;
