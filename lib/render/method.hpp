@@ -15,6 +15,8 @@
 
 namespace pellucid {
 
+struct Shard;  // render/shard.hpp
+
 /// One line of S.json's "stages", of --plan and of an experiment's table of times.
 struct Stage {
     std::string name;
@@ -39,6 +41,8 @@ struct RenderInput {
     Seed seed;
     std::optional<double> max_error;  // --max-error
     std::function<void(double share)> progress = [](double) {};
+    /// Draw this part of the repeats only, and leave its sums here.
+    Shard* shard = nullptr;
 };
 
 /// A setting as `render --list` shows it.
@@ -59,6 +63,7 @@ struct Method {
     /// The stages the scene requires and the bytes they will hold, before anything of that is allocated.
     std::function<std::vector<Stage>(const RenderInput&)> plan;
     std::function<Image(const RenderInput&, RenderStats&)> render;
+    bool in_shards = false;  // takes RenderInput::shard
 };
 
 [[nodiscard]] const std::vector<Method>& methods();

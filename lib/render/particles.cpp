@@ -8,14 +8,24 @@
 #include "core/stopwatch.hpp"
 #include "cpu/fast_particles.hpp"
 #include "render/methods.hpp"
+#include "render/shard.hpp"
 #include "scene/shading.hpp"
 
 namespace pellucid {
 namespace {
 
+[[nodiscard]] std::uint32_t all_repeats(const RenderInput& input) {
+    return static_cast<std::uint32_t>(input.settings.integer("repeats", ParticleSettings{}.repeats, {.lo = 1, .hi = kMostRepeats}));
+}
+
 [[nodiscard]] ParticleSettings read_settings(const RenderInput& input) {
     ParticleSettings s;
-    s.repeats = static_cast<std::uint32_t>(input.settings.integer("repeats", s.repeats, {.lo = 1, .hi = 1 << 24}));
+    s.repeats = all_repeats(input);
+    if (input.shard) {
+        const RepeatRange range = input.shard->part.repeats_of(s.repeats);
+        s.first_repeat = range.first;
+        s.repeats = range.end - range.first;
+    }
     (void)input.settings.one_of("sampler", "lines", {"lines"});
     s.sampler.trials = input.settings.choice<TrialLaw>("count", TrialLaw::poisson,
                                                       {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
@@ -91,8 +101,8 @@ namespace {
 
 }  // namespace
 
-Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
-                       const std::function<void(double)>& progress) {
+EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                            const std::function<void(double)>& progress) {
     if (!(brightest_color(scene) <= kMostParticleColor))
         throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
                           scene.settings.source, brightest_color(scene), kMostParticleColor);
@@ -112,7 +122,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     std::uint32_t goal = settings.max_error ? std::min(16U, settings.repeats) : settings.repeats;
     while (done < settings.repeats) {
         const std::uint32_t count = std::min(batch, goal - done);
-        const ParticleSet set = sample_particles(scene, samplers, settings.sampler, done, count);
+        const ParticleSet set = sample_particles(scene, samplers, settings.sampler, settings.first_repeat + done, count);
         sampling.wall_s += watch.lap();
         sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
         drawer->draw(set, sums);
@@ -126,12 +136,15 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     if (settings.max_error && largest_error(sums) > *settings.max_error)
         warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for", largest_error(sums),
              settings.repeats, *settings.max_error);
-    Image image = ensemble_image(scene.camera, ParticleFrame(scene.camera), sums);
-
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
-    return image;
+    return sums;
+}
+
+Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                       const std::function<void(double)>& progress) {
+    return ensemble_image(scene.camera, ParticleFrame(scene.camera), draw_particles(scene, settings, stats, progress));
 }
 
 Method particles_method() {
@@ -153,8 +166,13 @@ Method particles_method() {
                 if (object.surface.opacity > kMostParticleOpacity)
                     warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many",
                          object.surface.name, object.surface.opacity);
-            return render_particles(input.scene, settings, stats, input.progress);
+            EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);
+            const ParticleFrame frame(input.scene.camera);
+            Image image = ensemble_image(input.scene.camera, frame, sums);
+            if (input.shard) *input.shard = {input.shard->part, all_repeats(input), frame, std::move(sums)};
+            return image;
         },
+        true,
     };
 }
 
