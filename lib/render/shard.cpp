@@ -50,7 +50,8 @@ public:
         add(text.size());
         for (std::size_t i = 0; i < text.size(); i += 8) {
             std::uint64_t word = 0;
-            for (std::size_t k = i; k < std::min(i + 8, text.size()); ++k) word = word << 8U | static_cast<unsigned char>(text[k]);
+            for (std::size_t k = i; k < std::min(i + 8, text.size()); ++k)
+                word = word << 8U | static_cast<unsigned char>(text[k]);
             add(word);
         }
     }
@@ -97,7 +98,8 @@ void for_each_plane(Pixel& pixel, const Visit& visit) {
 }
 
 /// Of all that a merge takes from a shard: its size, its sums and its attributes but this one.
-[[nodiscard]] std::string checksum(int width, int height, const std::map<std::string, std::string>& attributes,
+[[nodiscard]] std::string checksum(int width, int height,
+                                   const std::map<std::string, std::string>& attributes,
                                    const EnsembleSums& sums) {
     Digest digest;
     digest.add(static_cast<std::uint64_t>(width));
@@ -120,7 +122,8 @@ template <class Number>
 [[nodiscard]] std::optional<Number> whole_number(std::string_view text) {
     Number value{};
     const auto [end, error] = std::from_chars(text.data(), text.data() + text.size(), value);
-    if (error != std::errc{} || end != text.data() + text.size() || fmt::to_string(value) != text) return std::nullopt;
+    if (error != std::errc{} || end != text.data() + text.size() || fmt::to_string(value) != text)
+        return std::nullopt;
     return value;
 }
 
@@ -142,8 +145,9 @@ public:
     [[nodiscard]] const std::string& text(std::string_view name) const {
         const auto found = header_.attributes.find(std::string(name));
         if (found == header_.attributes.end())
-            throw input_error("{}: is not the file of a shard: has no attribute {}, expected what render --shard writes",
-                              header_.file.string(), name);
+            throw input_error(
+                "{}: is not the file of a shard: has no attribute {}, expected what render --shard writes",
+                header_.file.string(), name);
         return found->second;
     }
     template <class Read>
@@ -153,20 +157,26 @@ public:
         return *value;
     }
     [[nodiscard]] Error error(std::string_view name, std::string_view expected) const {
-        return input_error("{}: {} = {}, expected {}", header_.file.string(), name, one_line(text(name), 60), expected);
+        return input_error("{}: {} = {}, expected {}", header_.file.string(), name, one_line(text(name), 60),
+                           expected);
     }
 
 private:
     const ShardHeader& header_;
 };
 
-/// What two values of an attribute are from shortly before their first difference: a whole configuration is long.
-[[nodiscard]] std::pair<std::string, std::string> differing_parts(const std::string& a, const std::string& b) {
+/// Two values of an attribute from shortly before their first difference: a whole configuration is long.
+[[nodiscard]] std::pair<std::string, std::string> differing_parts(const std::string& a,
+                                                                  const std::string& b) {
     constexpr std::size_t kBefore = 30;
     constexpr std::size_t kMost = 80;
-    const auto first = static_cast<std::size_t>(std::mismatch(a.begin(), a.end(), b.begin(), b.end()).first - a.begin());
-    if (std::max(a.size(), b.size()) <= kMost || first <= kBefore) return {one_line(a, kMost), one_line(b, kMost)};
-    const auto from = [&](const std::string& text) { return "…" + one_line(text.substr(first - kBefore), kMost); };
+    const auto first =
+        static_cast<std::size_t>(std::mismatch(a.begin(), a.end(), b.begin(), b.end()).first - a.begin());
+    if (std::max(a.size(), b.size()) <= kMost || first <= kBefore)
+        return {one_line(a, kMost), one_line(b, kMost)};
+    const auto from = [&](const std::string& text) {
+        return "…" + one_line(text.substr(first - kBefore), kMost);
+    };
     return {from(a), from(b)};
 }
 
@@ -174,21 +184,22 @@ private:
 [[nodiscard]] Error difference(const ShardHeader& a, const ShardHeader& b, const std::string& name,
                                const std::string* value, const std::string* other) {
     if (value == nullptr || other == nullptr)
-        return input_error("{}: {} attribute {}, expected {} as in {}", a.file.string(), value == nullptr ? "has no" : "has an",
-                           name, value == nullptr ? "one" : "none", b.file.string());
+        return input_error("{}: {} attribute {}, expected {} as in {}", a.file.string(),
+                           value == nullptr ? "has no" : "has an", one_line(name, 60),
+                           value == nullptr ? "one" : "none", b.file.string());
     const auto [here, there] = differing_parts(*value, *other);
-    return input_error("{}: {} = {}, expected {} as in {}: not of the same image", a.file.string(), name, here, there,
-                       b.file.string());
+    return input_error("{}: {} = {}, expected {} as in {}: not of the same image", a.file.string(),
+                       one_line(name, 60), here, there, b.file.string());
 }
 
 /// Throws where the two cannot be parts of one image.
 void require_same_image(const ShardHeader& a, const ShardHeader& b) {
     if (a.width != b.width || a.height != b.height)
-        throw input_error("{}: has {} x {} pixels, expected {} x {} as in {}", a.file.string(), a.width, a.height, b.width,
-                          b.height, b.file.string());
+        throw input_error("{}: has {} x {} pixels, expected {} x {} as in {}", a.file.string(), a.width,
+                          a.height, b.width, b.height, b.file.string());
     if (a.part.count != b.part.count)
-        throw input_error("{}: is shard {}, expected one of {} as in {}", a.file.string(), a.part.text(), b.part.count,
-                          b.file.string());
+        throw input_error("{}: is shard {}, expected one of {} as in {}", a.file.string(), a.part.text(),
+                          b.part.count, b.file.string());
     std::set<std::string> names;
     for (const ShardHeader* each : {&a, &b})
         for (const auto& [name, value] : each->attributes) names.insert(name);
@@ -198,7 +209,8 @@ void require_same_image(const ShardHeader& a, const ShardHeader& b) {
         const auto in_b = b.attributes.find(name);
         const std::string* const value = in_a == a.attributes.end() ? nullptr : &in_a->second;
         const std::string* const other = in_b == b.attributes.end() ? nullptr : &in_b->second;
-        if (value == nullptr || other == nullptr || *value != *other) throw difference(a, b, name, value, other);
+        if (value == nullptr || other == nullptr || *value != *other)
+            throw difference(a, b, name, value, other);
     }
     if (a.all_repeats != b.all_repeats)
         throw input_error("{}: {} = {}, expected as many in all as in {}: {}", a.file.string(), kRepeats,
@@ -211,8 +223,8 @@ void require_each_once(const std::vector<ShardHeader>& headers) {
     for (const ShardHeader& header : headers) {
         const auto [there, is_new] = by_index.try_emplace(header.part.index, &header);
         if (!is_new)
-            throw input_error("{}: is shard {}, and so is {}: expected each once", header.file.string(), header.part.text(),
-                              there->second->file.string());
+            throw input_error("{}: is shard {}, and so is {}: expected each once", header.file.string(),
+                              header.part.text(), there->second->file.string());
     }
     const std::uint32_t count = headers.front().part.count;
     if (by_index.size() == count) return;
@@ -220,19 +232,23 @@ void require_each_once(const std::vector<ShardHeader>& headers) {
     std::string missing;
     std::size_t named = 0;
     for (std::uint32_t i = 0; i < count && named < kMostNamed; ++i)
-        if (!by_index.contains(i)) missing += fmt::format("{}{}", named++ == 0 ? "" : ", ", ShardPart{i, count}.text());
+        if (!by_index.contains(i))
+            missing += fmt::format("{}{}", named++ == 0 ? "" : ", ", ShardPart{i, count}.text());
     const std::size_t absent = count - by_index.size();
     if (absent > named) missing += ", …";
-    throw input_error("{}: is one of {} shards, {} of them {} missing: {}", headers.front().file.string(), count, absent,
-                      absent == 1 ? "is" : "are", missing);
+    throw input_error("{}: is one of {} shards, {} of them {} missing: {}", headers.front().file.string(),
+                      count, absent, absent == 1 ? "is" : "are", missing);
 }
 
-[[nodiscard]] bool of_shards_alone(std::string_view attribute) { return attribute == kPart || attribute.starts_with("shard."); }
+[[nodiscard]] bool of_shards_alone(std::string_view attribute) {
+    return attribute == kPart || attribute.starts_with("shard.");
+}
 
 }  // namespace
 
 RepeatRange ShardPart::repeats_of(std::uint32_t repeats) const {
-    if (count > repeats) throw input_error("--shard {}: expected at most {} parts, one a repeat", text(), repeats);
+    if (count > repeats)
+        throw input_error("--shard {}: expected at most {} parts, one a repeat", text(), repeats);
     const auto cut = [&](std::uint64_t i) { return static_cast<std::uint32_t>(repeats * i / count); };
     return {cut(index), cut(index + std::uint64_t{1})};
 }
@@ -260,7 +276,9 @@ std::uint64_t digest_of_input(const Scene& scene, const fs::path& scene_file, co
 }
 
 void write_shard(Image image, const Shard& shard, std::uint64_t input_digest, const fs::path& file) {
-    const auto set = [&](std::string_view name, std::string value) { image.attributes[std::string(name)] = std::move(value); };
+    const auto set = [&](std::string_view name, std::string value) {
+        image.attributes[std::string(name)] = std::move(value);
+    };
     set(kPart, shard.part.text());
     set(kRepeats, repeats_text(shard.part.repeats_of(shard.all_repeats), shard.all_repeats));
     set(kNear, fmt::format("{:a}", shard.frame.near));
@@ -278,7 +296,8 @@ void write_shard(Image image, const Shard& shard, std::uint64_t input_digest, co
 
 ShardHeader read_shard_header(const fs::path& file) {
     ExrHeader exr = read_exr_header(file);
-    ShardHeader header{.file = file, .width = exr.width, .height = exr.height, .attributes = std::move(exr.attributes)};
+    ShardHeader header{
+        .file = file, .width = exr.width, .height = exr.height, .attributes = std::move(exr.attributes)};
     const AttributeReader read(header);
     header.part = read.value(kPart, "i/n with 0 <= i < n", parse_shard_part);
     header.frame.near = read.value(kNear, "an exact number", exact_number);
@@ -290,7 +309,8 @@ ShardHeader read_shard_header(const fs::path& file) {
     const std::string& repeats = read.text(kRepeats);
     const auto all = whole_number<std::uint32_t>(std::string_view(repeats).substr(repeats.rfind(' ') + 1));
     if (!all || *all > kMostRepeats || header.part.count > *all)
-        throw read.error(kRepeats, fmt::format("FIRST to LAST of ALL, {} <= ALL <= {}", header.part.count, kMostRepeats));
+        throw read.error(
+            kRepeats, fmt::format("FIRST to LAST of ALL, {} <= ALL <= {}", header.part.count, kMostRepeats));
     header.all_repeats = *all;
     const std::string expected = repeats_text(header.part.repeats_of(*all), *all);
     if (repeats != expected) throw read.error(kRepeats, expected);
@@ -298,7 +318,8 @@ ShardHeader read_shard_header(const fs::path& file) {
 }
 
 EnsembleSums read_shard_sums(const ShardHeader& header) {
-    EnsembleSums sums(static_cast<std::size_t>(header.width) * static_cast<std::size_t>(header.height), header.units);
+    EnsembleSums sums(static_cast<std::size_t>(header.width) * static_cast<std::size_t>(header.height),
+                      header.units);
     const RepeatRange range = header.part.repeats_of(header.all_repeats);
     sums.repeats = range.end - range.first;
     sums.particles = header.particles;
@@ -310,8 +331,8 @@ EnsembleSums read_shard_sums(const ShardHeader& header) {
     const std::string& stated = header.attributes.at(std::string(kChecksum));
     const std::string found = checksum(header.width, header.height, header.attributes, sums);
     if (found != stated)
-        throw input_error("{}: is damaged: {} = {}, but its contents have {}", header.file.string(), kChecksum,
-                          one_line(stated, 60), found);
+        throw input_error("{}: is damaged: {} = {}, but its contents have {}", header.file.string(),
+                          kChecksum, one_line(stated, 60), found);
     return sums;
 }
 
@@ -336,7 +357,8 @@ Image merge_shards(std::span<const fs::path> files) {
     add_ensemble_planes(first.frame, sums, image);
     for (const auto& [name, value] : first.attributes)
         if (!of_shards_alone(name)) image.attributes[name] = value;
-    if (!devices.empty()) image.attributes[std::string(kDevice)] = fmt::format("{}", fmt::join(devices, " + "));
+    if (!devices.empty())
+        image.attributes[std::string(kDevice)] = fmt::format("{}", fmt::join(devices, " + "));
     return image;
 }
 

@@ -1,9 +1,9 @@
-// Rendering in shards: the repeats of one image drawn in parts, anywhere and in any order, which add up to the same
-// bytes as one run. A repeat depends on the seed and its own number only, and the sums are integers.
+// Rendering in shards: the repeats of one image drawn in parts, anywhere and in any order, which add up to
+// the same bytes as one run. A repeat depends on the seed and its own number only, and the sums are integers.
 //
 // A shard's file is an OpenEXR image of its own repeats, for any viewer, and holds beside it
 //   uint channels  shard.{R,G,B}[2].{low,high}, shard.covered, shard.depth: the exact sums (2: of squares)
-//   attributes     those of the image, and shard.*: which part of what, and a checksum of all that a merge uses
+//   attributes     those of the image, and shard.*: which part of what; a checksum of all that a merge uses
 #pragma once
 
 #include <cstdint>
@@ -28,7 +28,8 @@ struct ShardPart {
     std::uint32_t index = 0;
     std::uint32_t count = 1;
 
-    /// [floor(repeats·index/count), floor(repeats·(index + 1)/count)). Throws Error(input) where count > repeats.
+    /// [floor(repeats·index/count), floor(repeats·(index + 1)/count)).
+    /// Throws Error(input) where count > repeats.
     [[nodiscard]] RepeatRange repeats_of(std::uint32_t repeats) const;
     /// "index/count"
     [[nodiscard]] std::string text() const;
@@ -45,12 +46,14 @@ struct Shard {
     EnsembleSums sums{0, 1};
 };
 
-/// A number for what is drawn: the scene file and the files it names, byte for byte, and the crop. The data file beside
-/// a detached header (.nhdr) is left out.
-[[nodiscard]] std::uint64_t digest_of_input(const Scene& scene, const std::filesystem::path& scene_file, const PixelRect& crop);
+/// A number for what is drawn: the scene file and the files it names, byte for byte, and the crop. The data
+/// file beside a detached header (.nhdr) is left out.
+[[nodiscard]] std::uint64_t digest_of_input(const Scene& scene, const std::filesystem::path& scene_file,
+                                            const PixelRect& crop);
 
 /// The shard's own image with its sums. Throws as write_exr does.
-void write_shard(Image image, const Shard& shard, std::uint64_t input_digest, const std::filesystem::path& file);
+void write_shard(Image image, const Shard& shard, std::uint64_t input_digest,
+                 const std::filesystem::path& file);
 
 /// A shard's file without its pixels.
 struct ShardHeader {
@@ -68,11 +71,12 @@ struct ShardHeader {
 /// Throws Error(input), one line that names the file: where it is not the file of a shard.
 [[nodiscard]] ShardHeader read_shard_header(const std::filesystem::path& file);
 
-/// The sums of the shard that has this header. Throws Error(input) where the file is damaged, or another one by now.
+/// The sums of the shard that has this header.
+/// Throws Error(input) where the file is damaged, or another one by now.
 [[nodiscard]] EnsembleSums read_shard_sums(const ShardHeader& header);
 
-/// The image that one run would have drawn, with its attributes; `device` is that of the shards, joined by " + " in
-/// alphabetical order where they differ. Holds the sums of the image and of one shard at a time.
+/// The image that one run would have drawn, with its attributes; `device` is that of the shards, where they
+/// differ joined by " + " in alphabetical order. Holds the sums of the image and of one shard at a time.
 /// Throws Error(input) where the files, in any order, are not all the shards of one image, each once.
 [[nodiscard]] Image merge_shards(std::span<const std::filesystem::path> files);
 
