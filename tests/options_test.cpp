@@ -38,7 +38,7 @@ Parsed parse(std::vector<const char*> words) {
 TEST(Options, WithoutArgumentsAreTheDefaults) {
     const Parsed p = parse({});
     EXPECT_TRUE(p.run);
-    EXPECT_EQ(p.options.backend, Backend::cpu);
+    EXPECT_FALSE(p.options.backend.has_value());
     EXPECT_EQ(p.options.preset, "default");
     EXPECT_EQ(p.options.seed, std::nullopt);
     EXPECT_EQ(p.options.threads, 0);
@@ -77,7 +77,7 @@ TEST(Options, AllAreRead) {
                             "-0.5"});
     EXPECT_EQ(p.options.config, "c.toml");
     EXPECT_EQ(p.options.preset, "paper");
-    EXPECT_EQ(p.options.backend, Backend::all);
+    EXPECT_EQ(p.options.backend, BackendChoice::all);
     EXPECT_EQ(p.options.device, "llvmpipe");
     EXPECT_EQ(p.options.out, "o");
     EXPECT_EQ(p.options.seed, 18446744073709551615U);
@@ -167,13 +167,28 @@ TEST(Options, ApplySetsThreadsAndRefusesAbsentDevices) {
     EXPECT_EQ(thread_count(), 1);
     set_thread_count(0);
 
-    options.backend = Backend::vulkan;
-    EXPECT_EQ(guarded_main("t", [&] { return apply_run_options(options), 0; }), 3);
-    options.backend = Backend::all;
-    EXPECT_EQ(guarded_main("t", [&] { return apply_run_options(options), 0; }), 0);
     options.device = "no such card";
-    EXPECT_EQ(guarded_main("t", [&] { return apply_run_options(options), 0; }), 3);
-    set_thread_count(0);
+    EXPECT_EQ(guarded_main("t", [&] { return apply_run_options(options), 0; }), 2);  // the CPU takes no device
+    for (const BackendChoice choice : {BackendChoice::vulkan, BackendChoice::all}) {
+        options.backend = choice;
+        EXPECT_EQ(guarded_main("t", [&] { return open_backends(options).empty() ? 1 : 0; }), 3);
+    }
+}
+
+TEST(Options, BackendsAreThoseAskedFor) {
+    RunOptions options;
+    EXPECT_EQ(open_backends(options).size(), 1U);
+    EXPECT_EQ(open_backends(options)[0].name(), "cpu");
+    options.backend = BackendChoice::all;
+    const std::vector<Backend> all = open_backends(options);
+    EXPECT_EQ(all.size(), Backend::has_vulkan() ? 2U : 1U);
+    EXPECT_EQ(all[0].name(), "cpu");
+    if (!Backend::has_vulkan()) GTEST_SKIP() << "skipped: no Vulkan device";
+    EXPECT_EQ(all[1].name(), "vulkan");
+    EXPECT_FALSE(all[1].device_name().empty());
+    options.backend = BackendChoice::vulkan;
+    ASSERT_EQ(open_backends(options).size(), 1U);
+    EXPECT_TRUE(open_backends(options)[0].on_device());
 }
 
 TEST(GuardedMain, MapsFailuresToExitCodesAndOneLine) {

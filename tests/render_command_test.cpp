@@ -147,8 +147,9 @@ TEST_F(RenderCommand, BadArgumentsAreRefused) {
     refused(ok + "--max-error 0", "--max-error");
     for (const char* crop : {"0,0,13,10", "5,5,5,9", "1,2,3", "a,b,c,d", "-1,0,3,3", "0,0,99999999999,4", "1,2,3,4,5"})
         refused(ok + "--crop " + crop, "--crop");
-    refused(ok + "--backend vulkan", "vulkan", 3);
-    refused(ok + "--device GTX", "GTX", 3);
+    refused(ok + "--backend vulkan --device GTX", "Vulkan device", 3);
+    refused(ok + "--device GTX", "GTX");
+    refused(ok + "--backend all", "all");
     const Result unwritable = run("s.toml --method particles -o nowhere/o.exr --set particles.repeats=2");
     EXPECT_EQ(unwritable.code, 4) << unwritable.err;
     EXPECT_EQ(std::count(unwritable.err.begin(), unwritable.err.end(), '\n'), 1) << unwritable.err;

@@ -150,6 +150,22 @@ TEST_F(ShardCommand, SettingsCropAndLittleMemoryMergeToo) {
     EXPECT_EQ(slurp(folder / "merged.exr"), slurp(folder / "one.exr"));
 }
 
+TEST_F(ShardCommand, ShardsOfTwoBackendsMergeToTheSamePixels) {
+    const std::string vulkan =
+        "render p.toml --method particles --set particles.repeats=11 --seed 5 --shard 0/2 -o a.exr --backend vulkan";
+    const Result r = run(vulkan);
+    if (r.code == 3) GTEST_SKIP() << "skipped: no Vulkan device";
+    ASSERT_EQ(r.code, 0) << r.err;
+    draw("p.toml", "", "one.exr");
+    draw("p.toml", "1/2", "b.exr");
+    succeeds("merge merged.exr b.exr a.exr");
+    const Image merged = read_exr(folder / "merged.exr");
+    const Image one = read_exr(folder / "one.exr");
+    expect_same_planes(merged, one);
+    EXPECT_NE(merged.attributes.at("device").find(one.attributes.at("device")), std::string::npos);
+    EXPECT_NE(merged.attributes.at("device").find(" + "), std::string::npos);
+}
+
 TEST_F(ShardCommand, EmptySceneAndFullCropMerge) {
     put(folder / "e.toml", "image.resolution = [3, 2]\ncamera.position = [0, 0, 4]\n");
     draw("e.toml", "", "one.exr");

@@ -59,13 +59,19 @@ PixelRect parse_crop(const std::string& text, const ImageSettings& image) {
     return r;
 }
 
-ordered_json stats_json(const RenderOptions& options, const RenderStats& stats, Seed seed, double total_s) {
+std::string device_of(const Backend& backend) { return backend.on_device() ? backend.device_name() : host_info().cpu; }
+
+ordered_json stats_json(const RenderOptions& options, const RenderStats& stats, const RenderInput& input, double total_s) {
     ordered_json stages = ordered_json::array();
-    for (const Stage& s : stats.stages)
-        stages.push_back({{"name", s.name}, {"wall_s", s.wall_s}, {"device_s", nullptr}, {"bytes", s.bytes}});
-    ordered_json json{{"method", options.method}, {"backend", "cpu"},   {"device", host_info().cpu}, {"seed", seed.value},
-                      {"stages", stages},         {"total_s", total_s}, {"peak_rss_bytes", peak_rss_bytes()},
-                      {"device_bytes", nullptr}};
+    for (const Stage& s : stats.stages) {
+        const ordered_json device_s = s.device_s ? ordered_json(*s.device_s) : ordered_json(nullptr);
+        stages.push_back({{"name", s.name}, {"wall_s", s.wall_s}, {"device_s", device_s}, {"bytes", s.bytes}});
+    }
+    const Backend& backend = input.backend;
+    ordered_json json{{"method", options.method}, {"backend", backend.name()}, {"device", device_of(backend)},
+                      {"seed", input.seed.value}, {"stages", stages},          {"total_s", total_s},
+                      {"peak_rss_bytes", peak_rss_bytes()}};
+    json["device_bytes"] = backend.on_device() ? ordered_json(backend.device_bytes()) : ordered_json(nullptr);
     if (stats.repeats > 0) {
         json["particles"] = stats.particles;
         json["repeats"] = stats.repeats;
@@ -120,6 +126,10 @@ int run(RenderOptions options) {
     const Config settings = method_config(options, scene_overrides);
     const Scene scene = load_scene(options.scene, scene_overrides);
     require_drawable(method, scene);
+    if (options.backend == BackendChoice::all) throw input_error("--backend all: a picture is drawn on one, expected cpu or vulkan");
+    const Backend backend = open_backends(options, options.validate).front();
+    if (backend.on_device() && !method.on_vulkan)
+        throw input_error("--backend vulkan: method {} runs on the CPU only", method.name);
     const std::filesystem::path output(options.output);
     if (!options.plan && output.extension() != ".exr" && output.extension() != ".png")
         throw input_error("-o {}: expected a name that ends in .exr or .png", options.output);
@@ -144,6 +154,7 @@ int run(RenderOptions options) {
                                 const auto reached = static_cast<std::size_t>(share * kBarSteps);
                                 if (reached > shown) bar.step(reached - std::exchange(shown, reached));
                             },
+                            .backend = backend,
                             .shard = options.shard ? &shard : nullptr};
     method.check_settings(input);
     settings.finish();
@@ -157,6 +168,7 @@ int run(RenderOptions options) {
     const std::uint64_t input_digest = options.shard ? digest_of_input(scene, options.scene, prepared.camera.crop()) : 0;
     double total_s = stats.stages.back().wall_s;
     Image image = method.render(input, stats);
+    backend.check_validation();
     total_s += watch.lap();
     image.attributes["scene"] = options.scene;
     image.attributes["method"] = options.method;
@@ -164,7 +176,7 @@ int run(RenderOptions options) {
     image.attributes["overrides"] = fmt::format("{}", fmt::join(options.overrides, " "));
     image.attributes["seed"] = std::to_string(input.seed.value);
     image.attributes["commit"] = build_info().commit;
-    image.attributes["device"] = host_info().cpu;
+    image.attributes["device"] = device_of(backend);
     if (options.shard) {
         write_shard(std::move(image), shard, input_digest, output);
     } else if (output.extension() == ".png") {
@@ -172,7 +184,7 @@ int run(RenderOptions options) {
     } else {
         write_exr(image, output);
     }
-    if (options.stats) write_text_file(*options.stats, stats_json(options, stats, input.seed, total_s).dump(2) + "\n");
+    if (options.stats) write_text_file(*options.stats, stats_json(options, stats, input, total_s).dump(2) + "\n");
     return 0;
 }
 

@@ -126,6 +126,7 @@ struct Experiment::State {
     std::deque<CsvWriter> tables;    // a deque: references hold
     std::vector<Check> checks;
     std::vector<Device> devices;
+    std::vector<Backend> backends;
     std::vector<std::pair<std::string, double>> stages;
 };
 
@@ -214,6 +215,21 @@ void Experiment::json(const std::string& name, const std::string& text) {
 
 void Experiment::check(const std::string& name, double value, const std::string& relation, double limit) {
     state_->checks.push_back({name, value, relation, limit, holds(value, relation, limit)});
+}
+
+const std::vector<Backend>& Experiment::backends(const std::vector<std::string>& configured) {
+    State& s = *state_;
+    if (!s.backends.empty()) return s.backends;
+    RunOptions options = s.options;
+    const auto configures = [&](const char* name) { return std::ranges::find(configured, name) != configured.end(); };
+    if (!options.backend && configures("vulkan"))
+        options.backend = configures("cpu") ? BackendChoice::all : BackendChoice::vulkan;
+    s.backends = open_backends(options);
+    for (const Backend& backend : s.backends)
+        if (backend.on_device()) device({backend.name(), backend.device_name(), backend.driver(), ""});
+    if (options.backend == BackendChoice::all && s.backends.size() == 1)
+        device({"vulkan", "", "", "none: there is no usable Vulkan device"});
+    return s.backends;
 }
 
 void Experiment::device(const Device& device) {
@@ -326,11 +342,8 @@ int run_experiment(int argc, char** argv, const ExperimentInfo& info,
         if (!arguments.parse(argc, argv)) return 0;
         apply_run_options(options);
         Experiment experiment(info, options);
-        if (options.backend == Backend::all)
-            experiment.device({.backend = "vulkan",
-                               .name = "",
-                               .driver = "",
-                               .note = "none: this build has no Vulkan backend"});
+        // An experiment that asks for no backend runs on the CPU alone.
+        if (options.backend) (void)experiment.backends();
         body(experiment);
         return experiment.finish();
     });

@@ -168,9 +168,9 @@ void add_run_options(Arguments& arguments, RunOptions& options) {
     arguments.choice(
         "--backend", {"cpu", "vulkan", "all"},
         [&options](const std::string& name) {
-            options.backend = name == "cpu"      ? Backend::cpu
-                              : name == "vulkan" ? Backend::vulkan
-                                                 : Backend::all;
+            options.backend = name == "cpu"      ? BackendChoice::cpu
+                              : name == "vulkan" ? BackendChoice::vulkan
+                                                 : BackendChoice::all;
         },
         "where to run; all = cpu, and vulkan if there is any");
     arguments.option("--device", options.device, "which Vulkan device, by name");
@@ -191,12 +191,20 @@ void add_experiment_options(Arguments& arguments, ExperimentOptions& options) {
 }
 
 void apply_run_options(const RunOptions& options) {
-    if (options.backend == Backend::vulkan)
-        throw Error(Failure::device, "--backend vulkan: there is no Vulkan backend in this build");
-    if (!options.device.empty())
-        throw Error(Failure::device,
-                    fmt::format("--device {}: there is no such Vulkan device", one_line(options.device, 60)));
+    if (!options.device.empty() && options.backend.value_or(BackendChoice::cpu) == BackendChoice::cpu)
+        throw input_error("--device {}: it chooses among Vulkan devices, expected --backend vulkan or all beside it",
+                          one_line(options.device, 60));
     if (options.threads > 0) set_thread_count(options.threads);
+}
+
+std::vector<Backend> open_backends(const RunOptions& options, bool validate) {
+    const BackendChoice choice = options.backend.value_or(BackendChoice::cpu);
+    std::vector<Backend> backends;
+    if (choice != BackendChoice::vulkan) backends.push_back(Backend::cpu());
+    // A device that was named must be there; of all there are, none is needed.
+    if (choice == BackendChoice::vulkan || (choice == BackendChoice::all && (!options.device.empty() || Backend::has_vulkan())))
+        backends.push_back(Backend::open_vulkan({.device = options.device, .validate = validate}));
+    return backends;
 }
 
 int guarded_main(const std::string& name, const std::function<int()>& command) noexcept {

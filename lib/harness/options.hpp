@@ -21,13 +21,16 @@
 #include <string>
 #include <vector>
 
+#include "render/backend.hpp"
+
 namespace pellucid {
 
-enum class Backend { cpu, vulkan, all };
+/// all: the CPU, and Vulkan if there is any.
+enum class BackendChoice { cpu, vulkan, all };
 
 /// What every command takes.
 struct RunOptions {
-    Backend backend = Backend::cpu;
+    std::optional<BackendChoice> backend;  // absent: the CPU
     std::string device;  // --device; empty: choose
     std::optional<std::uint64_t> seed;
     int threads = 0;                     // 0: all cores
@@ -83,8 +86,10 @@ void add_run_options(Arguments& arguments, RunOptions& options);
 /// The same and --config --preset --out
 void add_experiment_options(Arguments& arguments, ExperimentOptions& options);
 
-/// Sets the number of threads; throws Error(device) where backend or device is not there.
+/// Sets the number of threads. Throws Error(input) for a --device without Vulkan.
 void apply_run_options(const RunOptions& options);
+/// The backends asked for, each opened. Throws Error(device) where one is not there.
+[[nodiscard]] std::vector<Backend> open_backends(const RunOptions& options, bool validate = false);
 
 /// Runs a command: its return value, or the exit code of what it threw (Error: its kind; anything
 /// else, memory included: 4) after one line `NAME: message` on stderr.

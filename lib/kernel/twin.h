@@ -16,6 +16,7 @@ namespace pellucid::twin {
 using std::abs;
 using std::floor;
 using std::int64_t;
+using std::uint64_t;
 using std::max;
 using std::min;
 using std::pow;

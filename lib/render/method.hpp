@@ -11,6 +11,7 @@
 #include "core/image.hpp"
 #include "core/random.hpp"
 #include "io/config.hpp"
+#include "render/backend.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -23,6 +24,7 @@ struct Stage {
     double wall_s = 0;
     std::int64_t bytes = 0;  // held at most
     std::string note;        // what it works on: "3 objects, 51 214 pieces"
+    std::optional<double> device_s = {};  // by the device's own clock
 };
 
 struct RenderStats {
@@ -41,6 +43,7 @@ struct RenderInput {
     Seed seed;
     std::optional<double> max_error;  // --max-error
     std::function<void(double share)> progress = [](double) {};
+    Backend backend = Backend::cpu();
     /// Draw this part of the repeats only, and leave its sums here.
     Shard* shard = nullptr;
 };
@@ -63,6 +66,7 @@ struct Method {
     /// The stages the scene requires and the bytes they will hold, before anything of that is allocated.
     std::function<std::vector<Stage>(const RenderInput&)> plan;
     std::function<Image(const RenderInput&, RenderStats&)> render;
+    bool on_vulkan = false;  // has stages for RenderInput::backend other than the CPU
     bool in_shards = false;  // takes RenderInput::shard
 };
 

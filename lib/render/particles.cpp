@@ -6,7 +6,6 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
-#include "cpu/fast_particles.hpp"
 #include "render/methods.hpp"
 #include "render/shard.hpp"
 #include "scene/shading.hpp"
@@ -32,6 +31,7 @@ namespace {
     s.memory_mib = input.settings.integer("memory_mib", s.memory_mib, {.lo = 1, .hi = 1 << 20});
     s.sampler.seed = input.seed;
     s.max_error = input.max_error;
+    s.backend = input.backend;
     return s;
 }
 
@@ -48,10 +48,13 @@ namespace {
     return sum;
 }
 
-[[nodiscard]] std::int64_t frame_bytes(const Camera& camera) {
+/// Keys and sums: of a tile a thread, and of the image. On a device those of the tiles and of the image lie there too.
+[[nodiscard]] std::int64_t frame_bytes(const Camera& camera, const Backend& backend) {
     const std::int64_t pixels = std::int64_t{camera.width()} * camera.height();
-    const auto one_thread = static_cast<std::int64_t>(sizeof(std::uint64_t) + sizeof(std::uint32_t) + sizeof(EnsembleSums::Pixel));
-    return pixels * (one_thread * thread_count() + static_cast<std::int64_t>(sizeof(EnsembleSums::Pixel)));
+    constexpr std::int64_t kTileBytes = 76 * twin::kTilePixels;
+    const std::int64_t image = pixels * static_cast<std::int64_t>(sizeof(EnsembleSums::Pixel));
+    const auto tiles = static_cast<std::int64_t>(TileGrid(camera.width(), camera.height()).count());
+    return backend.on_device() ? 2 * image + tiles * kTileBytes : image + kTileBytes * thread_count();
 }
 
 /// Repeats held together: what fits into memory_mib, but at least one a thread, and no more than asked.
@@ -94,9 +97,17 @@ namespace {
         {"sample particles", 0, static_cast<std::int64_t>(particles * batch * sizeof(Particle)),
          fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time", particles, trials,
                      settings.repeats, batch)},
-        {"project and average", 0, frame_bytes(input.scene.camera), fmt::format("{} threads", thread_count())},
+        {"project and average", 0, frame_bytes(input.scene.camera, input.backend),
+         input.backend.on_device() ? input.backend.device_name() : fmt::format("{} threads", thread_count())},
         {"image", 0, std::int64_t{9 * 4} * input.scene.camera.width() * input.scene.camera.height(), "9 planes"},
     };
+}
+
+[[nodiscard]] Image mean_image(const PreparedScene& scene, const EnsembleSums& sums, RenderStats& stats) {
+    Stopwatch watch;
+    Image image = ensemble_image(scene.camera, ParticleFrame(scene.camera), sums);
+    stats.stages.push_back({"image", watch.lap(), 0, ""});
+    return image;
 }
 
 }  // namespace
@@ -112,10 +123,10 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     Stage cutting{"cut into pieces", watch.lap(), 0, ""};
     for (const LineSampler& sampler : samplers) cutting.bytes += static_cast<std::int64_t>(sampler.bytes());
     Stage sampling{"sample particles", 0, 0, ""};
-    Stage drawing{"project and average", 0, frame_bytes(scene.camera), ""};
+    Stage drawing{"project and average", 0, 0, ""};
 
     EnsembleSums sums = make_sums(scene);
-    const std::unique_ptr<ParticleDrawer> drawer = make_fast_drawer(scene);
+    const std::unique_ptr<ParticleDrawer> drawer = settings.backend.make_particle_drawer(scene);
     // With an error to reach, the number of repeats doubles until it is reached: a rule that does not
     // depend on memory or threads, so neither does the image.
     std::uint32_t done = 0;
@@ -136,15 +147,18 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     if (settings.max_error && largest_error(sums) > *settings.max_error)
         warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for", largest_error(sums),
              settings.repeats, *settings.max_error);
+    drawing.bytes = drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
+    // What the device's clock says of parts of the drawing; their wall time is in "project and average".
+    for (const StageTime& time : drawer->device_times()) stats.stages.push_back({time.name, 0, 0, "part of the drawing", time.device_s});
     return sums;
 }
 
 Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
                        const std::function<void(double)>& progress) {
-    return ensemble_image(scene.camera, ParticleFrame(scene.camera), draw_particles(scene, settings, stats, progress));
+    return mean_image(scene, draw_particles(scene, settings, stats, progress), stats);
 }
 
 Method particles_method() {
@@ -167,11 +181,12 @@ Method particles_method() {
                     warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many",
                          object.surface.name, object.surface.opacity);
             EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);
-            const ParticleFrame frame(input.scene.camera);
-            Image image = ensemble_image(input.scene.camera, frame, sums);
-            if (input.shard) *input.shard = {input.shard->part, all_repeats(input), frame, std::move(sums)};
+            Image image = mean_image(input.scene, sums, stats);
+            if (input.shard)
+                *input.shard = {input.shard->part, all_repeats(input), ParticleFrame(input.scene.camera), std::move(sums)};
             return image;
         },
+        true,
         true,
     };
 }

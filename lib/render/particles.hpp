@@ -1,4 +1,4 @@
-// Particle-based surface rendering (PBSR, Tanaka et al. 2012) on the CPU.
+// Particle-based surface rendering (PBSR, Tanaka et al. 2012).
 #pragma once
 
 #include "stage/ensemble.hpp"
@@ -15,6 +15,7 @@ struct ParticleSettings {
     std::int64_t memory_mib = 1024;
     /// Stop before `repeats` once every pixel's estimated standard error is at most this.
     std::optional<double> max_error{};
+    Backend backend = Backend::cpu();
 };
 
 /// Particle generation → projection with occlusion → sums, batch by batch.

@@ -1,24 +1,6 @@
 #include "stage/tile_spans.hpp"
 
 namespace pellucid {
-namespace {
-
-/// take(tile, first run, end run) for every tile in view that the repeat has something in.
-template <class Take>
-void for_each_span(const RepeatParticles& repeat, std::uint32_t objects, std::size_t tiles, const Take& take) {
-    const auto runs = static_cast<std::uint32_t>(repeat.runs.size());
-    for (std::uint32_t first = 0; first < runs;) {
-        const std::uint32_t tile = repeat.runs[first].bin / objects;
-        const std::uint64_t next_bin = (std::uint64_t{tile} + 1) * objects;
-        std::uint32_t end = first + 1;
-        while (end < runs && repeat.runs[end].bin < next_bin) ++end;
-        if (tile < tiles) take(tile, first, end);
-        first = end;
-    }
-}
-
-}  // namespace
-
 TileSpans::TileSpans(const ParticleSet& set, std::size_t tiles) : tile_begin(tiles + 1, 0) {
     for (const RepeatParticles& repeat : set.repeats)
         for_each_span(repeat, set.objects, tiles, [&](std::uint32_t tile, auto, auto) { ++tile_begin[tile + 1]; });

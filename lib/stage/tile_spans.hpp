@@ -32,4 +32,18 @@ struct TileSpans {
     return run < repeat.runs.size() ? repeat.runs[run].begin : static_cast<std::uint32_t>(repeat.particles.size());
 }
 
+/// take(tile, first run, end run) for every tile in view that the repeat has something in.
+template <class Take>
+void for_each_span(const RepeatParticles& repeat, std::uint32_t objects, std::size_t tiles, const Take& take) {
+    const auto runs = static_cast<std::uint32_t>(repeat.runs.size());
+    for (std::uint32_t first = 0; first < runs;) {
+        const std::uint32_t tile = repeat.runs[first].bin / objects;
+        const std::uint64_t next_bin = (std::uint64_t{tile} + 1) * objects;
+        std::uint32_t end = first + 1;
+        while (end < runs && repeat.runs[end].bin < next_bin) ++end;
+        if (tile < tiles) take(tile, first, end);
+        first = end;
+    }
+}
+
 }  // namespace pellucid

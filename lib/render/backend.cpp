@@ -1,0 +1,39 @@
+#include "render/backend.hpp"
+
+#include <algorithm>
+
+#include "core/error.hpp"
+#include "cpu/fast_particles.hpp"
+#include "vulkan/device.hpp"
+#include "vulkan/particles.hpp"
+
+namespace pellucid {
+
+Backend Backend::open_vulkan(const VulkanSettings& settings) {
+    Backend backend;
+    backend.device_ = std::make_shared<const vulkan::Device>(
+        vulkan::DeviceOptions{.name = settings.device, .validate = settings.validate});
+    return backend;
+}
+
+bool Backend::has_vulkan() { return std::ranges::any_of(vulkan::list_devices(), &vulkan::DeviceInfo::usable); }
+
+std::string Backend::device_name() const { return on_device() ? device_->info().name : ""; }
+
+std::string Backend::driver() const { return on_device() ? device_->info().driver : ""; }
+
+std::int64_t Backend::device_bytes() const {
+    return on_device() ? static_cast<std::int64_t>(device_->peak_bytes()) : 0;
+}
+
+void Backend::check_validation() const {
+    if (!on_device()) return;
+    const std::vector<std::string> messages = device_->validation_messages();
+    if (!messages.empty()) throw run_error("{} validation messages, the first: {}", messages.size(), one_line(messages.front()));
+}
+
+std::unique_ptr<ParticleDrawer> Backend::make_particle_drawer(const PreparedScene& scene) const {
+    return on_device() ? vulkan::make_particle_drawer(*device_, scene) : make_fast_drawer(scene);
+}
+
+}  // namespace pellucid

@@ -1,0 +1,47 @@
+// Where the stages run: on the CPU, or on one Vulkan device that is opened once. Call sites ask it for stages and
+// never which it is.
+#pragma once
+
+#include <memory>
+#include <string>
+
+#include "scene/prepared_scene.hpp"
+#include "stage/particle_drawer.hpp"
+
+namespace pellucid {
+
+namespace vulkan {
+class Device;
+}
+
+struct VulkanSettings {
+    std::string device = {};  // part of its name; empty: a real GPU before one in software
+    bool validate = false;    // with the validation layers, whose messages fail the run
+};
+
+class Backend {
+public:
+    [[nodiscard]] static Backend cpu() { return {}; }
+    /// Throws Error(device) where there is no such device.
+    [[nodiscard]] static Backend open_vulkan(const VulkanSettings& settings = {});
+    /// Whether a usable Vulkan device is there at all.
+    [[nodiscard]] static bool has_vulkan();
+
+    [[nodiscard]] bool on_device() const { return device_ != nullptr; }
+    /// "cpu" or "vulkan".
+    [[nodiscard]] std::string name() const { return on_device() ? "vulkan" : "cpu"; }
+    /// Name and driver of the device; empty for the CPU.
+    [[nodiscard]] std::string device_name() const;
+    [[nodiscard]] std::string driver() const;
+    /// Most bytes held on the device so far; 0 for the CPU.
+    [[nodiscard]] std::int64_t device_bytes() const;
+    /// Throws Error(run) with the first message of the validation layers, if there was any.
+    void check_validation() const;
+
+    [[nodiscard]] std::unique_ptr<ParticleDrawer> make_particle_drawer(const PreparedScene& scene) const;
+
+private:
+    std::shared_ptr<const vulkan::Device> device_;
+};
+
+}  // namespace pellucid

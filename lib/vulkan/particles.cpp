@@ -1,0 +1,328 @@
+#include "vulkan/particles.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cstring>
+
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "kernel/particle_draw_twin.h"
+#include "stage/particle_shading.hpp"
+#include "stage/tile_spans.hpp"
+
+namespace pellucid::vulkan {
+namespace {
+
+constexpr std::uint32_t kDrawWords[] = {
+#include "shaders/particle_draw.comp.inc"
+};
+constexpr std::uint32_t kMeanWords[] = {
+#include "shaders/particle_mean.comp.inc"
+};
+
+static_assert(sizeof(twin::PixelSums) == 56 && sizeof(twin::DrawSpan) == 20 && sizeof(twin::Particle) == 16);
+static_assert(sizeof(twin::Material) == 80 && sizeof(twin::ViewLight) == 20 && sizeof(twin::Projection) == 80);
+static_assert(offsetof(twin::DrawSetup, view) == 80 && offsetof(twin::DrawSetup, tile_columns) == 96 &&
+              offsetof(twin::DrawSetup, particles) == 104);
+
+struct Push {
+    std::uint64_t setup;
+    std::uint32_t count;
+    std::uint32_t unused = 0;
+};
+
+/// Workgroups that keep a device busy: tiles are cut by repeats where there are fewer of them.
+constexpr std::size_t kEnoughGroups = 1024;
+constexpr std::size_t kEnoughGroupsInSoftware = 16;
+/// Of the heap, the share that particles may take; images, keys and staging need room beside them.
+constexpr std::uint64_t kHeapShare = 4;
+constexpr std::uint64_t kMostChunkBytes = std::uint64_t{1} << 30U;
+
+template <class T>
+[[nodiscard]] std::span<const std::byte> bytes_of(const std::vector<T>& values) {
+    return std::as_bytes(std::span(values));
+}
+
+/// Grows and never shrinks.
+class Room {
+public:
+    void hold(const Device& device, std::uint64_t bytes) {
+        if (bytes <= buffer_.bytes()) return;
+        buffer_ = Buffer();  // the old one first: both may not fit
+        buffer_ = Buffer(device, bytes + bytes / 4);
+    }
+    void exactly(const Device& device, std::uint64_t bytes) {
+        if (bytes != buffer_.bytes()) buffer_ = Buffer(device, bytes);
+    }
+    [[nodiscard]] const Buffer& buffer() const { return buffer_; }
+    [[nodiscard]] std::uint64_t address() const { return buffer_.address(); }
+
+private:
+    Buffer buffer_;
+};
+
+/// Consecutive particles of one repeat.
+struct Piece {
+    std::uint32_t repeat;
+    std::uint32_t begin;
+    std::uint32_t count;
+    std::uint32_t to;  // place in the chunk
+};
+
+/// As much of a particle set as is on the device at a time: any spans, since each is drawn on its own.
+struct Chunk {
+    std::vector<Piece> pieces;
+    std::vector<twin::DrawRun> runs;
+    std::vector<twin::DrawSpan> spans;
+    std::vector<std::uint32_t> tile_of_span;
+    std::uint32_t particles = 0;
+
+    void add(const ParticleSet& set, std::uint32_t repeat_index, std::uint32_t tile, std::uint32_t first_run, std::uint32_t end_run) {
+        const RepeatParticles& repeat = set.repeats[repeat_index];
+        const std::uint32_t begin = run_begin(repeat, first_run);
+        const std::uint32_t count = run_begin(repeat, end_run) - begin;
+        if (!pieces.empty() && pieces.back().repeat == repeat_index && pieces.back().begin + pieces.back().count == begin) {
+            pieces.back().count += count;
+        } else {
+            pieces.push_back({repeat_index, begin, count, particles});
+        }
+        const auto first = static_cast<std::uint32_t>(runs.size());
+        for (std::uint32_t run = first_run; run < end_run; ++run)
+            runs.push_back({particles + repeat.runs[run].begin - begin, repeat.runs[run].bin % set.objects});
+        spans.push_back({particles, count, begin, first, static_cast<std::uint32_t>(runs.size())});
+        tile_of_span.push_back(tile);
+        particles += count;
+    }
+};
+
+class VulkanDrawer final : public ParticleDrawer {
+public:
+    VulkanDrawer(const Device& device, const PreparedScene& scene, const DrawerSettings& settings)
+        : device_(device),
+          camera_(scene.camera),
+          grid_(scene.camera.width(), scene.camera.height()),
+          group_size_(group_size(device, settings)),
+          draw_(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_, 1U}}),
+          find_(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_, 0U}}),
+          mean_(device, kMeanWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_}}),
+          commands_(device) {
+        const ParticleFrame frame(camera_);
+        const ParticleShading shading(scene, frame);
+        const std::size_t enough = device.info().is_gpu ? kEnoughGroups : kEnoughGroupsInSoftware;
+        const std::size_t parts = std::max<std::size_t>(1, enough / grid_.count());
+        slots_ = grid_.count() * parts;
+        const DeviceInfo& info = device.info();
+        chunk_bytes_ = settings.particle_bytes > 0
+                           ? settings.particle_bytes
+                           : std::min({info.heap_bytes / kHeapShare, info.largest_allocation / 2, kMostChunkBytes});
+
+        materials_ = filled(bytes_of(shading.materials));
+        lights_ = filled(bytes_of(shading.lights));
+        texels_ = filled(bytes_of(shading.texels));
+        keys_ = Buffer(device, slots_ * twin::kTilePixels * sizeof(std::uint64_t));
+        setup_.projection = frame.projection(camera_);
+        setup_.view = shading.view;
+        setup_.tile_columns = grid_.columns;
+        setup_.slots_a_tile = static_cast<std::uint32_t>(parts);
+        setup_.keys = keys_.address();
+        setup_.materials = materials_.address();
+        setup_.lights = lights_.address();
+        setup_.texels = texels_.address();
+        setup_buffer_ = Buffer(device, sizeof(setup_));
+        commands_.fill(keys_, 0, keys_.bytes(), ~0U);
+        commands_.submit_and_wait();
+    }
+
+    void draw(const ParticleSet& set, EnsembleSums& sums) override {
+        const std::uint64_t image_pixels = sums.pixels.size();
+        sums_.exactly(device_, slots_ * twin::kTilePixels * sizeof(twin::PixelSums));
+        image_.exactly(device_, image_pixels * sizeof(twin::PixelSums));
+        commands_.begin_stage("clear");
+        commands_.fill(sums_.buffer(), 0, sums_.buffer().bytes(), 0);
+        commands_.end_stage();
+        note(commands_.submit_and_wait());
+        for_each_chunk(set, [&](const Chunk& chunk) { run(draw_, set, chunk, "project and resolve"); });
+
+        upload_setup();  // nothing may have been drawn
+        const auto padded = static_cast<std::uint32_t>(grid_.count() * twin::kTilePixels);
+        commands_.begin_stage("average");
+        commands_.dispatch(mean_, Push{setup_buffer_.address(), padded}, device_.groups_for(padded, group_size_));
+        commands_.end_stage();
+        note(commands_.submit_and_wait());
+        std::vector<twin::PixelSums> read(image_pixels);
+        download(device_, image_.buffer(), std::as_writable_bytes(std::span(read)));
+        parallel_for(read.size(), 4096, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const twin::PixelSums& s = read[i];
+                sums.pixels[i].add({.color = {s.red, s.green, s.blue},
+                                    .square = {s.red_square, s.green_square, s.blue_square},
+                                    .covered = s.covered,
+                                    .depth = ~s.nearness});
+            }
+        });
+        sums.particles += set.count();
+        sums.repeats += set.repeats.size();
+    }
+
+    [[nodiscard]] std::vector<Winners> winners(const ParticleSet& set) override {
+        std::vector<Winners> all(set.repeats.size());
+        for (std::size_t r = 0; r < all.size(); ++r) all[r].assign(set.repeats[r].particles.size(), kNoPixel);
+        std::vector<std::uint32_t> local;
+        for_each_chunk(set, [&](const Chunk& chunk) {
+            run(find_, set, chunk, "project");
+            local.resize(chunk.particles);
+            download(device_, pixels_.buffer(), std::as_writable_bytes(std::span(local)));
+            std::size_t s = 0;
+            for (const Piece& piece : chunk.pieces)
+                for (; s < chunk.spans.size() && chunk.spans[s].first < piece.to + piece.count; ++s)
+                    for (std::uint32_t i = 0; i < chunk.spans[s].count; ++i) {
+                        const std::uint32_t won = local[chunk.spans[s].first + i];
+                        if (won != twin::kNoTilePixel)
+                            all[piece.repeat][chunk.spans[s].index + i] = pixel_of(chunk.tile_of_span[s], won);
+                    }
+        });
+        return all;
+    }
+
+    [[nodiscard]] std::vector<pellucid::StageTime> device_times() const override { return times_; }
+    [[nodiscard]] std::int64_t bytes() const override { return static_cast<std::int64_t>(device_.peak_bytes()); }
+
+private:
+    /// Whole subgroups: lavapipe 22.3 lets the idle invocations of a broken one write.
+    [[nodiscard]] static std::uint32_t group_size(const Device& device, const DrawerSettings& settings) {
+        const DeviceInfo& info = device.info();
+        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 1;
+        const std::uint32_t subgroup = std::max(1U, info.subgroup_size);
+        return std::min((wished + subgroup - 1) / subgroup * subgroup, info.max_workgroup_size);
+    }
+
+    [[nodiscard]] Buffer filled(std::span<const std::byte> bytes) const {
+        Buffer buffer(device_, bytes.size());
+        upload(device_, buffer, bytes);
+        return buffer;
+    }
+
+    [[nodiscard]] std::uint32_t pixel_of(std::uint32_t tile, std::uint32_t local) const {
+        const std::uint32_t column = (tile % grid_.columns << twin::kTileShift) + (local & (twin::kTileSide - 1U));
+        const std::uint32_t row = (tile / grid_.columns << twin::kTileShift) + (local >> twin::kTileShift);
+        return row * static_cast<std::uint32_t>(camera_.width()) + column;
+    }
+
+    template <class Draw>
+    void for_each_chunk(const ParticleSet& set, const Draw& draw) {
+        Chunk chunk;
+        const auto finish = [&] {
+            if (!chunk.spans.empty()) draw(chunk);
+            chunk = {};
+        };
+        for (std::uint32_t r = 0; r < set.repeats.size(); ++r)
+            for_each_span(set.repeats[r], set.objects, grid_.count(),
+                          [&](std::uint32_t tile, std::uint32_t first_run, std::uint32_t end_run) {
+                              const std::uint64_t count = run_begin(set.repeats[r], end_run) - run_begin(set.repeats[r], first_run);
+                              if ((chunk.particles + count) * sizeof(Particle) > chunk_bytes_) finish();
+                              chunk.add(set, r, tile, first_run, end_run);
+                          });
+        finish();
+    }
+
+    /// The chunk's spans by tile, a tile's in as many items as it has slots, in order of repeats.
+    [[nodiscard]] std::vector<twin::DrawItem> make_items(const Chunk& chunk, std::vector<twin::DrawSpan>& sorted) const {
+        std::vector<std::uint32_t> begin(grid_.count() + 1, 0);
+        for (const std::uint32_t tile : chunk.tile_of_span) ++begin[tile + 1];
+        for (std::size_t tile = 0; tile < grid_.count(); ++tile) begin[tile + 1] += begin[tile];
+        sorted.resize(chunk.spans.size());
+        std::vector<std::uint32_t> next(begin.begin(), begin.end() - 1);
+        for (std::size_t s = 0; s < chunk.spans.size(); ++s) sorted[next[chunk.tile_of_span[s]]++] = chunk.spans[s];
+        std::vector<twin::DrawItem> items;
+        const std::uint32_t parts = setup_.slots_a_tile;
+        for (std::uint32_t tile = 0; tile < grid_.count(); ++tile)
+            for (std::uint32_t part = 0; part < parts; ++part) {
+                const std::uint64_t count = begin[tile + 1] - begin[tile];
+                const auto first = static_cast<std::uint32_t>(begin[tile] + count * part / parts);
+                const auto end = static_cast<std::uint32_t>(begin[tile] + count * (part + 1) / parts);
+                if (first < end) items.push_back({tile * parts + part, first, end});
+            }
+        return items;
+    }
+
+    void run(const Kernel& kernel, const ParticleSet& set, const Chunk& chunk, const char* stage) {
+        std::vector<twin::DrawSpan> spans;
+        const std::vector<twin::DrawItem> items = make_items(chunk, spans);
+        particles_.hold(device_, std::uint64_t{chunk.particles} * sizeof(Particle));
+        pixels_.hold(device_, std::uint64_t{chunk.particles} * sizeof(std::uint32_t));
+        runs_.hold(device_, bytes_of(chunk.runs).size());
+        spans_.hold(device_, bytes_of(spans).size());
+        items_.hold(device_, bytes_of(items).size());
+        upload_particles(set, chunk);
+        upload(device_, runs_.buffer(), bytes_of(chunk.runs));
+        upload(device_, spans_.buffer(), bytes_of(spans));
+        upload(device_, items_.buffer(), bytes_of(items));
+        upload_setup();
+        const auto count = static_cast<std::uint32_t>(items.size());
+        commands_.begin_stage(stage);
+        commands_.dispatch(kernel, Push{setup_buffer_.address(), count}, device_.groups_for(count, 1));
+        commands_.end_stage();
+        note(commands_.submit_and_wait());
+    }
+
+    void upload_setup() {
+        setup_.particles = particles_.address();
+        setup_.runs = runs_.address();
+        setup_.spans = spans_.address();
+        setup_.items = items_.address();
+        setup_.pixels = pixels_.address();
+        setup_.sums = sums_.address();
+        setup_.image = image_.address();
+        upload(device_, setup_buffer_, std::as_bytes(std::span(&setup_, 1)));
+    }
+
+    void upload_particles(const ParticleSet& set, const Chunk& chunk) {
+        const auto source = [&](const Piece& piece) {
+            return std::as_bytes(std::span(set.repeats[piece.repeat].particles).subspan(piece.begin, piece.count));
+        };
+        const std::span<std::byte> mapped = particles_.buffer().mapped();
+        if (mapped.empty()) {
+            for (const Piece& piece : chunk.pieces)
+                upload(device_, particles_.buffer(), source(piece), std::uint64_t{piece.to} * sizeof(Particle));
+            return;
+        }
+        parallel_for(chunk.pieces.size(), 1, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const auto bytes = source(chunk.pieces[i]);
+                std::memcpy(mapped.data() + std::size_t{chunk.pieces[i].to} * sizeof(Particle), bytes.data(), bytes.size());
+            }
+        });
+    }
+
+    void note(const std::vector<vulkan::StageTime>& times) {
+        for (const vulkan::StageTime& t : times) {
+            const auto known = std::find_if(times_.begin(), times_.end(), [&](const auto& each) { return each.name == t.name; });
+            if (known == times_.end()) {
+                times_.push_back({t.name, t.seconds});
+            } else {
+                known->device_s += t.seconds;
+            }
+        }
+    }
+
+    const Device& device_;
+    const Camera& camera_;
+    TileGrid grid_;
+    std::uint32_t group_size_;
+    std::uint64_t chunk_bytes_ = 0;
+    std::uint64_t slots_ = 0;
+    Kernel draw_, find_, mean_;
+    Commands commands_;
+    twin::DrawSetup setup_{};
+    Buffer setup_buffer_, materials_, lights_, texels_, keys_;
+    Room particles_, pixels_, runs_, spans_, items_, sums_, image_;
+    std::vector<pellucid::StageTime> times_;
+};
+
+}  // namespace
+
+std::unique_ptr<ParticleDrawer> make_particle_drawer(const Device& device, const PreparedScene& scene, const DrawerSettings& settings) {
+    return std::make_unique<VulkanDrawer>(device, scene, settings);
+}
+
+}  // namespace pellucid::vulkan

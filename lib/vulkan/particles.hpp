@@ -1,0 +1,23 @@
+// STEPs 2 and 3 of PBSR on Vulkan: projection with occlusion, shading, sums over the repeats.
+#pragma once
+
+#include <memory>
+
+#include "scene/prepared_scene.hpp"
+#include "stage/particle_drawer.hpp"
+#include "vulkan/device.hpp"
+
+namespace pellucid::vulkan {
+
+struct DrawerSettings {
+    /// Most bytes of particles on the device at a time; more are streamed. 0: what the device holds well.
+    std::uint64_t particle_bytes = 0;
+    /// Invocations a workgroup, rounded up to whole subgroups; 0: 256 on a GPU, one subgroup in software, where others only cost switching.
+    std::uint32_t workgroup_size = 0;
+};
+
+/// Throws Error(run) where the scene's image does not fit into the device's memory.
+[[nodiscard]] std::unique_ptr<ParticleDrawer> make_particle_drawer(const Device& device, const PreparedScene& scene,
+                                                                   const DrawerSettings& settings = {});
+
+}  // namespace pellucid::vulkan

@@ -1,0 +1,58 @@
+// Vulkan against the plain CPU version: winners and sums bit for bit, with validation on.
+#include "vulkan/particles.hpp"
+
+#include "cpu/plain_particles.hpp"
+#include "drawer_scenes.hpp"
+
+namespace pellucid {
+namespace {
+
+using namespace testing_scenes;
+
+class VulkanDrawer : public testing::Test {
+protected:
+    void SetUp() override {
+        if (std::ranges::none_of(vulkan::list_devices(), &vulkan::DeviceInfo::usable)) GTEST_SKIP() << "skipped: no Vulkan device";
+    }
+};
+
+void expect_vulkan_is_plain(const vulkan::Device& device, const DrawerScene& each, const vulkan::DrawerSettings& settings = {}) {
+    SCOPED_TRACE(each.name);
+    const ParticleSet set = drawer_particles(each);
+    const auto plain = make_plain_drawer(each.scene);
+    const auto drawer = vulkan::make_particle_drawer(device, each.scene, settings);
+    EXPECT_EQ(hash_of(drawer->winners(set)), hash_of(plain->winners(set)));
+    EnsembleSums by_plain = make_sums(each.scene);
+    EnsembleSums by_vulkan = make_sums(each.scene);
+    for (int twice = 0; twice < 2; ++twice) {
+        plain->draw(set, by_plain);
+        drawer->draw(set, by_vulkan);
+    }
+    expect_equal_sums(by_vulkan, by_plain);
+}
+
+TEST_F(VulkanDrawer, IsThePlainOneOnEveryScene) {
+    const vulkan::Device device({.validate = true});
+    for (const DrawerScene& each : drawer_scenes()) expect_vulkan_is_plain(device, each);
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanDrawer, StreamsWhatDoesNotFit) {
+    const vulkan::Device device({.validate = true});
+    const DrawerScene each = std::move(drawer_scenes()[0]);
+    for (const std::uint64_t bytes : {1U, 10000U, 300000U}) expect_vulkan_is_plain(device, each, {.particle_bytes = bytes});
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanDrawer, DoesNotDependOnTheSizeOfWorkgroups) {
+    const vulkan::Device device({.validate = true});
+    const DrawerScene each = std::move(drawer_scenes()[1]);
+    for (const std::uint32_t size : {1U, 24U, 64U, 256U}) {
+        SCOPED_TRACE(size);
+        expect_vulkan_is_plain(device, each, {.workgroup_size = size});
+    }
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+}  // namespace
+}  // namespace pellucid
