@@ -1,5 +1,6 @@
 // Renders one scene file by one method:
 //   render SCENE.toml --method M -o OUT.exr [--stats S.json] [--crop x0,y0,x1,y1] [--max-error E] [--plan]
+//          [--shard i/n]
 #include <cstdio>
 #include <filesystem>
 #include <utility>
@@ -16,6 +17,7 @@
 #include "io/atomic_file.hpp"
 #include "io/image_file.hpp"
 #include "render/method.hpp"
+#include "render/shard.hpp"
 #include "scene/scene_file.hpp"
 
 namespace {
@@ -25,7 +27,7 @@ using nlohmann::ordered_json;
 
 struct RenderOptions : RunOptions {
     std::string scene, method, output;
-    std::optional<std::string> stats, crop;
+    std::optional<std::string> stats, crop, shard;
     std::optional<double> max_error;
     bool plan = false, validate = false, list = false, list_implicit = false;
 };
@@ -105,6 +107,18 @@ Config method_config(const RenderOptions& options, std::vector<std::string>& sce
     return config;
 }
 
+/// The part that --shard asks for.
+ShardPart parse_shard(const RenderOptions& options, const Method& method) {
+    const auto part = parse_shard_part(*options.shard);
+    if (!part) throw input_error("--shard {}: expected i/n with 0 <= i < n", one_line(*options.shard, 60));
+    if (!method.in_shards) throw input_error("--shard {}: method {} draws no shards, particles does", *options.shard, method.name);
+    if (options.max_error)
+        throw input_error("--shard {} with --max-error {}: no shard knows the error of all", *options.shard, *options.max_error);
+    if (!options.plan && std::filesystem::path(options.output).extension() != ".exr")
+        throw input_error("-o {}: expected a name that ends in .exr for a shard", options.output);
+    return *part;
+}
+
 int run(RenderOptions options) {
     Stopwatch watch;
     const Method& method = method_by_name(options.method);
@@ -125,6 +139,9 @@ int run(RenderOptions options) {
     if (options.max_error && !(*options.max_error > 0))
         throw input_error("--max-error {}: expected > 0", *options.max_error);
 
+    Shard shard;
+    if (options.shard) shard.part = parse_shard(options, method);
+
     const PreparedScene prepared = prepare(scene, crop);
     constexpr std::size_t kBarSteps = 1000;
     Progress bar("draw", kBarSteps, !options.plan && !options.quiet && on_terminal());
@@ -137,7 +154,8 @@ int run(RenderOptions options) {
                                 const auto reached = static_cast<std::size_t>(share * kBarSteps);
                                 if (reached > shown) bar.step(reached - std::exchange(shown, reached));
                             },
-                            .backend = backend};
+                            .backend = backend,
+                            .shard = options.shard ? &shard : nullptr};
     method.check_settings(input);
     settings.finish();
     if (options.plan) {
@@ -147,6 +165,7 @@ int run(RenderOptions options) {
 
     RenderStats stats;
     stats.stages.push_back({"read scene", watch.lap(), static_cast<std::int64_t>(prepared.bytes()), ""});
+    const std::uint64_t input_digest = options.shard ? digest_of_input(scene, options.scene, prepared.camera.crop()) : 0;
     double total_s = stats.stages.back().wall_s;
     Image image = method.render(input, stats);
     backend.check_validation();
@@ -158,7 +177,9 @@ int run(RenderOptions options) {
     image.attributes["seed"] = std::to_string(input.seed.value);
     image.attributes["commit"] = build_info().commit;
     image.attributes["device"] = device_of(backend);
-    if (output.extension() == ".png") {
+    if (options.shard) {
+        write_shard(std::move(image), shard, input_digest, output);
+    } else if (output.extension() == ".png") {
         write_png(image, scene.image.background, output);
     } else {
         write_exr(image, output);
@@ -179,6 +200,7 @@ int main(int argc, char** argv) {
         arguments.option("--stats", options.stats, "write times, bytes and counts to this JSON file");
         arguments.option("--crop", options.crop, "x0,y0,x1,y1: draw these pixels of the image only");
         arguments.option("--max-error", options.max_error, "stop when every pixel's standard error is at most this");
+        arguments.option("--shard", options.shard, "i/n, i = 0 ... n-1: draw this part of the repeats, for merge");
         arguments.flag("--plan", options.plan, "list stages and bytes, draw nothing");
         arguments.flag("--validate", options.validate, "Vulkan: with validation layers (the CPU has none)");
         arguments.flag("--list", options.list, "list methods with settings and what they draw");

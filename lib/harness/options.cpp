@@ -148,6 +148,10 @@ void Arguments::positional(const std::string& name, std::string& value, const st
     parser_->app.add_option(name, value, help)->required(required);
 }
 
+void Arguments::positionals(const std::string& name, std::vector<std::string>& values, const std::string& help) {
+    parser_->app.add_option(name, values, help)->required();
+}
+
 bool Arguments::parse(int argc, const char* const* argv) {
     try {
         parser_->app.parse(argc, argv);

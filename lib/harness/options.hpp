@@ -70,6 +70,8 @@ public:
     /// Named in capitals in the help: SCENE.
     void positional(const std::string& name, std::string& value, const std::string& help,
                     bool required = true);
+    /// One or more, after the others.
+    void positionals(const std::string& name, std::vector<std::string>& values, const std::string& help);
 
     /// False where --help or --version was asked for and printed. Throws Error(input), one line.
     [[nodiscard]] bool parse(int argc, const char* const* argv);

@@ -89,39 +89,55 @@ void check_claim(const Imf::Header& header, const std::filesystem::path& file, s
                           height, channels);
 }
 
-Image read_part(Imf::MultiPartInputFile& exr, const std::filesystem::path& file, std::uint64_t file_bytes) {
+// The header of the one flat image that a file must hold.
+const Imf::Header& checked_header(const Imf::MultiPartInputFile& exr, const std::filesystem::path& file,
+                                  std::uint64_t file_bytes) {
     if (exr.parts() != 1)
         throw input_error("{}: has {} parts, expected one flat image", file.string(), exr.parts());
     const Imf::Header& header = exr.header(0);
     if (header.hasType() && !Imf::isImage(header.type()))
         throw input_error("{}: holds deep data, expected one flat image", file.string());
     check_claim(header, file, file_bytes);
+    return header;
+}
 
-    const Imath::Box2i& window = header.dataWindow();
-    Image image(window.max.x - window.min.x + 1, window.max.y - window.min.y + 1);
-    Imf::FrameBuffer target;  // a float slice makes OpenEXR convert half and uint
-    for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
-        target.insert(c.name(), Imf::Slice::Make(Imf::FLOAT, image.add(c.name()).data(), window));
+std::map<std::string, std::string> string_attributes(const Imf::Header& header) {
+    std::map<std::string, std::string> attributes;
+    for (auto a = header.begin(); a != header.end(); ++a)
+        if (const auto* text = dynamic_cast<const Imf::StringAttribute*>(&a.attribute()))
+            if (std::string_view(a.name()) != "type") attributes[a.name()] = text->value();  // type: scanline or tiled
+    return attributes;
+}
+
+int width_of(const Imath::Box2i& window) { return window.max.x - window.min.x + 1; }
+int height_of(const Imath::Box2i& window) { return window.max.y - window.min.y + 1; }
+
+void read_slices(Imf::MultiPartInputFile& exr, const Imf::FrameBuffer& target, const Imath::Box2i& window) {
     Imf::InputPart part(exr, 0);
     part.setFrameBuffer(target);
     part.readPixels(window.min.y, window.max.y);
+}
 
-    for (auto a = header.begin(); a != header.end(); ++a)
-        if (const auto* text = dynamic_cast<const Imf::StringAttribute*>(&a.attribute()))
-            if (std::string_view(a.name()) != "type")
-                image.attributes[a.name()] = text->value();  // type: scanline or tiled
+Image read_image(Imf::MultiPartInputFile& exr, const Imf::Header& header) {
+    const Imath::Box2i& window = header.dataWindow();
+    Image image(width_of(window), height_of(window));
+    Imf::FrameBuffer target;  // a float slice makes OpenEXR convert half and uint
+    for (auto c = header.channels().begin(); c != header.channels().end(); ++c)
+        target.insert(c.name(), Imf::Slice::Make(Imf::FLOAT, image.add(c.name()).data(), window));
+    read_slices(exr, target, window);
+    image.attributes = string_attributes(header);
     return image;
 }
 
-}  // namespace
-
-Image read_exr(const std::filesystem::path& file) {
+// What `read` makes of the file and its header; everything that goes wrong there is Error(input).
+template <class Read>
+auto read_file(const std::filesystem::path& file, const Read& read) {
     limit_openexr();
     const std::uint64_t file_bytes = input_file_size(file);
     try {
         Imf::MultiPartInputFile exr(file.c_str(), 0, false);
         if (!exr.partComplete(0)) throw input_error("{}: is cut short", file.string());
-        return read_part(exr, file, file_bytes);
+        return read(exr, checked_header(exr, file, file_bytes));
     } catch (const Error&) {
         throw;
     } catch (const std::bad_alloc&) {
@@ -131,7 +147,36 @@ Image read_exr(const std::filesystem::path& file) {
     }
 }
 
-void write_exr(const Image& image, const std::filesystem::path& file) {
+}  // namespace
+
+Image read_exr(const std::filesystem::path& file) { return read_file(file, read_image); }
+
+ExrHeader read_exr_header(const std::filesystem::path& file) {
+    return read_file(file, [](Imf::MultiPartInputFile&, const Imf::Header& header) {
+        const Imath::Box2i& window = header.dataWindow();
+        return ExrHeader{width_of(window), height_of(window), string_attributes(header)};
+    });
+}
+
+void read_exr_words(const std::filesystem::path& file, int width, int height, std::span<const WordTarget> targets) {
+    read_file(file, [&](Imf::MultiPartInputFile& exr, const Imf::Header& header) {
+        const Imath::Box2i& window = header.dataWindow();
+        if (width_of(window) != width || height_of(window) != height)
+            throw input_error("{}: has {} x {} pixels, expected {} x {}", file.string(), width_of(window), height_of(window),
+                              width, height);
+        Imf::FrameBuffer slices;
+        for (const WordTarget& target : targets) {
+            const Imf::Channel* channel = header.channels().findChannel(target.name);
+            if (channel == nullptr || channel->type != Imf::UINT)
+                throw input_error("{}: channel {} is {}, expected one of unsigned integers", file.string(), target.name,
+                                  channel == nullptr ? "not there" : "of another type");
+            slices.insert(target.name, Imf::Slice::Make(Imf::UINT, target.first, window, target.stride));
+        }
+        read_slices(exr, slices, window);
+    });
+}
+
+void write_exr(const Image& image, const std::filesystem::path& file, std::span<const WordPlane> words) {
     limit_openexr();
     if (image.pixel_count() == 0)
         throw run_error("{}: an image of no pixels cannot be written", file.string());
@@ -142,6 +187,10 @@ void write_exr(const Image& image, const std::filesystem::path& file) {
         for (const std::string& name : image.names()) {
             header.channels().insert(name, Imf::Channel(Imf::FLOAT));
             source.insert(name, Imf::Slice::Make(Imf::FLOAT, image.plane(name).data(), header.dataWindow()));
+        }
+        for (const WordPlane& plane : words) {
+            header.channels().insert(plane.name, Imf::Channel(Imf::UINT));
+            source.insert(plane.name, Imf::Slice::Make(Imf::UINT, plane.first, header.dataWindow(), plane.stride));
         }
         for (const auto& [name, value] : image.attributes) header.insert(name, Imf::StringAttribute(value));
 

@@ -16,6 +16,8 @@
 
 namespace pellucid {
 
+struct Shard;  // render/shard.hpp
+
 /// One line of S.json's "stages", of --plan and of an experiment's table of times.
 struct Stage {
     std::string name;
@@ -42,6 +44,8 @@ struct RenderInput {
     std::optional<double> max_error;  // --max-error
     std::function<void(double share)> progress = [](double) {};
     Backend backend = Backend::cpu();
+    /// Draw this part of the repeats only, and leave its sums here.
+    Shard* shard = nullptr;
 };
 
 /// A setting as `render --list` shows it.
@@ -63,6 +67,7 @@ struct Method {
     std::function<std::vector<Stage>(const RenderInput&)> plan;
     std::function<Image(const RenderInput&, RenderStats&)> render;
     bool on_vulkan = false;  // has stages for RenderInput::backend other than the CPU
+    bool in_shards = false;  // takes RenderInput::shard
 };
 
 [[nodiscard]] const std::vector<Method>& methods();

@@ -7,14 +7,24 @@
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
 #include "render/methods.hpp"
+#include "render/shard.hpp"
 #include "scene/shading.hpp"
 
 namespace pellucid {
 namespace {
 
+[[nodiscard]] std::uint32_t all_repeats(const RenderInput& input) {
+    return static_cast<std::uint32_t>(input.settings.integer("repeats", ParticleSettings{}.repeats, {.lo = 1, .hi = kMostRepeats}));
+}
+
 [[nodiscard]] ParticleSettings read_settings(const RenderInput& input) {
     ParticleSettings s;
-    s.repeats = static_cast<std::uint32_t>(input.settings.integer("repeats", s.repeats, {.lo = 1, .hi = 1 << 24}));
+    s.repeats = all_repeats(input);
+    if (input.shard) {
+        const RepeatRange range = input.shard->part.repeats_of(s.repeats);
+        s.first_repeat = range.first;
+        s.repeats = range.end - range.first;
+    }
     (void)input.settings.one_of("sampler", "lines", {"lines"});
     s.sampler.trials = input.settings.choice<TrialLaw>("count", TrialLaw::poisson,
                                                       {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
@@ -93,10 +103,17 @@ namespace {
     };
 }
 
+[[nodiscard]] Image mean_image(const PreparedScene& scene, const EnsembleSums& sums, RenderStats& stats) {
+    Stopwatch watch;
+    Image image = ensemble_image(scene.camera, ParticleFrame(scene.camera), sums);
+    stats.stages.push_back({"image", watch.lap(), 0, ""});
+    return image;
+}
+
 }  // namespace
 
-Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
-                       const std::function<void(double)>& progress) {
+EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                            const std::function<void(double)>& progress) {
     if (!(brightest_color(scene) <= kMostParticleColor))
         throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
                           scene.settings.source, brightest_color(scene), kMostParticleColor);
@@ -107,7 +124,6 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     for (const LineSampler& sampler : samplers) cutting.bytes += static_cast<std::int64_t>(sampler.bytes());
     Stage sampling{"sample particles", 0, 0, ""};
     Stage drawing{"project and average", 0, 0, ""};
-    Stage image_making{"image", 0, 0, ""};
 
     EnsembleSums sums = make_sums(scene);
     const std::unique_ptr<ParticleDrawer> drawer = settings.backend.make_particle_drawer(scene);
@@ -117,7 +133,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     std::uint32_t goal = settings.max_error ? std::min(16U, settings.repeats) : settings.repeats;
     while (done < settings.repeats) {
         const std::uint32_t count = std::min(batch, goal - done);
-        const ParticleSet set = sample_particles(scene, samplers, settings.sampler, done, count);
+        const ParticleSet set = sample_particles(scene, samplers, settings.sampler, settings.first_repeat + done, count);
         sampling.wall_s += watch.lap();
         sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
         drawer->draw(set, sums);
@@ -131,17 +147,18 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
     if (settings.max_error && largest_error(sums) > *settings.max_error)
         warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for", largest_error(sums),
              settings.repeats, *settings.max_error);
-    watch.lap();
-    Image image = ensemble_image(scene.camera, ParticleFrame(scene.camera), sums);
-    image_making.wall_s = watch.lap();
-
     drawing.bytes = drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
-    stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing, image_making});
+    stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
     for (const StageTime& time : drawer->device_times()) stats.stages.push_back({time.name, 0, 0, "part of the drawing", time.device_s});
-    return image;
+    return sums;
+}
+
+Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                       const std::function<void(double)>& progress) {
+    return mean_image(scene, draw_particles(scene, settings, stats, progress), stats);
 }
 
 Method particles_method() {
@@ -163,8 +180,13 @@ Method particles_method() {
                 if (object.surface.opacity > kMostParticleOpacity)
                     warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many",
                          object.surface.name, object.surface.opacity);
-            return render_particles(input.scene, settings, stats, input.progress);
+            EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);
+            Image image = mean_image(input.scene, sums, stats);
+            if (input.shard)
+                *input.shard = {input.shard->part, all_repeats(input), ParticleFrame(input.scene.camera), std::move(sums)};
+            return image;
         },
+        true,
         true,
     };
 }

@@ -9,6 +9,7 @@ namespace pellucid {
 
 struct ParticleSettings {
     std::uint32_t repeats = 500;  // L_R
+    std::uint32_t first_repeat = 0;
     SamplerSettings sampler{};
     /// Particles held at a time: repeats are sampled, drawn and forgotten in batches of this size.
     std::int64_t memory_mib = 1024;
@@ -17,8 +18,11 @@ struct ParticleSettings {
     Backend backend = Backend::cpu();
 };
 
-/// Particle generation → projection with occlusion → averaging, batch by batch.
-/// Planes: see ensemble_image.
+/// Particle generation → projection with occlusion → sums, batch by batch.
+[[nodiscard]] EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
+                                          const std::function<void(double)>& progress = [](double) {});
+
+/// The same and the mean over the repeats. Planes: see ensemble_image.
 [[nodiscard]] Image render_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
                                      const std::function<void(double)>& progress = [](double) {});
 

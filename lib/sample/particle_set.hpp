@@ -20,6 +20,8 @@ struct ParticleFrame {
     int exponent = 0;
 
     explicit ParticleFrame(const Camera& camera);
+    /// As stored: of a shard.
+    ParticleFrame(double near_depth, int exponent_of_scale) : near(near_depth), exponent(exponent_of_scale) {}
     [[nodiscard]] Particle pack(const Vec3& view, const Vec3& view_normal) const;
     [[nodiscard]] Vec3 view_position(const Particle& particle) const;
     /// The integers by which every backend projects these particles.

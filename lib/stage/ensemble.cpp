@@ -19,7 +19,9 @@ void EnsembleSums::Pixel::add(const Pixel& other) {
 }
 
 EnsembleSums::EnsembleSums(const Camera& camera, double units_of_one)
-    : pixels(static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height())), units(units_of_one) {}
+    : EnsembleSums(static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height()), units_of_one) {}
+
+EnsembleSums::EnsembleSums(std::size_t pixel_count, double units_of_one) : pixels(pixel_count), units(units_of_one) {}
 
 void EnsembleSums::add(const EnsembleSums& other) {
     parallel_for(pixels.size(), 4096, [&](std::size_t begin, std::size_t end) {
@@ -48,6 +50,11 @@ EnsembleSums make_sums(const PreparedScene& scene) { return {scene.camera, color
 
 Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums) {
     Image image(camera.width(), camera.height());
+    add_ensemble_planes(frame, sums, image);
+    return image;
+}
+
+void add_ensemble_planes(const ParticleFrame& frame, const EnsembleSums& sums, Image& image) {
     const auto repeats = static_cast<double>(sums.repeats);
     const char* const names[4] = {"R", "G", "B", "A"};
     std::span<float> mean[4];
@@ -67,7 +74,6 @@ Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const Ens
         if (p.covered > 0)
             z[i] = static_cast<float>(frame.view_position({0, 0, twin::uintBitsToFloat(p.depth), 0}).z);
     }
-    return image;
 }
 
 }  // namespace pellucid

@@ -27,6 +27,7 @@ struct EnsembleSums {
 
     /// Nothing yet, for the camera's image.
     EnsembleSums(const Camera& camera, double units);
+    EnsembleSums(std::size_t pixel_count, double units);
     void add(const EnsembleSums& other);
     /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the variance of
     /// its mean. +inf for a single repeat.
@@ -49,5 +50,8 @@ inline constexpr double kMostParticleColor = 1e30;
 /// R, G, B (associated), A, Z, and variance.R/G/B/A of the pixel's mean: the sample variance over the
 /// repeats divided by their number; +inf for a single repeat, of which nothing can be said.
 [[nodiscard]] Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums);
+
+/// The same without a camera, into `image`, which has as many pixels as the sums.
+void add_ensemble_planes(const ParticleFrame& frame, const EnsembleSums& sums, Image& image);
 
 }  // namespace pellucid
