@@ -33,6 +33,11 @@ struct alignas(64) TilePixel {
     std::uint64_t square[4];  // the last is not used
 };
 
+/// What a winner adds to the first half of a TilePixel.
+struct WonColor {
+    std::uint32_t red, green, blue, covered;
+};
+
 /// What a thread holds: one tile's keys and sums, and the particles of one repeat in it.
 struct TileFrame {
     std::vector<std::uint64_t> keys = std::vector<std::uint64_t>(twin::kTilePixels, kNoHit);
@@ -46,7 +51,7 @@ struct TileFrame {
     std::vector<Particle> won;
     std::vector<std::uint32_t> won_pixel;
     std::vector<std::uint32_t> won_index;   // within the span; only where colours are not asked for
-    std::vector<twin::ColorUnits> won_color;
+    std::vector<WonColor> won_color;
 
     void make_room(std::size_t count) {
         if (pixel.size() >= count + kMostLanes) return;
@@ -278,7 +283,7 @@ void light_block(const ParticleShading& shading, float shininess, const Particle
 
 /// Colours of at most kShadeBlock particles of one object without an image.
 void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles, std::size_t count,
-                 twin::ColorUnits* out) {
+                 WonColor* out) {
     alignas(64) Column diffuse, specular;
     const bool lit = m.flat_colored == 0;
     if (lit) light_block(shading, m.shininess, particles, count, diffuse, specular);
@@ -290,17 +295,20 @@ void shade_block(const ParticleShading& shading, const twin::Material& m, const 
             const V highlight = hn::Mul(set(m.specular), get(specular, i));
             for (V& channel : color) channel = hn::Add(hn::Mul(channel, all), highlight);
         }
-        hn::StoreInterleaved3(channel_units(color[0], units), channel_units(color[1], units), channel_units(color[2], units),
-                              U(), reinterpret_cast<std::uint32_t*>(out + i));
+        hn::StoreInterleaved4(channel_units(color[0], units), channel_units(color[1], units), channel_units(color[2], units),
+                              hn::Set(U(), 1), U(), reinterpret_cast<std::uint32_t*>(out + i));
     }
 }
 
 /// Reads and writes whole vectors: both arrays have room behind `count`.
 void shade_run(const ParticleShading& shading, std::uint32_t object, const Particle* particles, std::size_t count,
-               twin::ColorUnits* out) {
+               WonColor* out) {
     const twin::Material& m = shading.materials[object];
     if (m.texture_width > 0) {
-        for (std::size_t i = 0; i < count; ++i) out[i] = shade_particle(shading, object, particles[i]);
+        for (std::size_t i = 0; i < count; ++i) {
+            const twin::ColorUnits c = shade_particle(shading, object, particles[i]);
+            out[i] = {c.red, c.green, c.blue, 1};
+        }
         return;
     }
     for (std::size_t i = 0; i < count; i += kShadeBlock)
@@ -308,9 +316,10 @@ void shade_run(const ParticleShading& shading, std::uint32_t object, const Parti
 }
 
 /// The nearest particle of every pixel, among those of one repeat in one tile. The winners, their pixels and
-/// colours (or indices) stand in the frame; returns how many. The keys are as they were before.
+/// colours (or indices) stand in the frame; returns how many. The keys are as they were before. `next`: what will be
+/// read after this, another repeat's particles, which no hardware foresees; asked for little by little.
 template <bool shaded>
-std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, TileFrame& frame,
+std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, const Particle* next, TileFrame& frame,
                          const DrawConstants& constants) {
     const std::uint32_t begin = run_begin(repeat, span.first_run);
     const std::size_t count = run_begin(repeat, span.end_run) - begin;
@@ -329,6 +338,7 @@ std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, Ti
         const std::size_t first_winner = winners;
         const std::size_t end = run_begin(repeat, run + 1) - begin;
         for (; i < end; ++i) {
+            if constexpr (shaded) __builtin_prefetch(next + i, 0, 2);
             frame.won[winners] = particles[i];
             frame.won_pixel[winners] = frame.pixel[i];
             if constexpr (!shaded) frame.won_index[winners] = static_cast<std::uint32_t>(i);
@@ -342,40 +352,48 @@ std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, Ti
     return winners;
 }
 
+/// Of numbers below 2^32.
+template <class D, class N = hn::Vec<D>>
+[[nodiscard]] HWY_INLINE N squared(D d, N value) {
+#if HWY_TARGET == HWY_SCALAR
+    return hn::Set(d, hn::GetLane(value) * hn::GetLane(value));
+#else
+    (void)d;
+    const auto halves = hn::BitCast(hn::Repartition<std::uint32_t, D>(), value);
+    return hn::MulEven(halves, halves);
+#endif
+}
+
 /// Adds the winners of one repeat, of which no two share a pixel.
 void add_winners(std::size_t winners, TileFrame& frame) {
+    using Wide = hn::CappedTag<std::uint64_t, 4>;
+    const Wide wide;
+    const hn::Rebind<std::uint32_t, Wide> narrow;
     for (std::size_t k = 0; k < winners; ++k) {
         TilePixel& sum = frame.sums[frame.won_pixel[k]];
-        const twin::ColorUnits& c = frame.won_color[k];
-        const std::uint64_t units[4] = {c.red, c.green, c.blue, 1};
-        for (int channel = 0; channel < 4; ++channel) {
-            sum.color[channel] += units[channel];
-            sum.square[channel] += units[channel] * units[channel];
+        const std::uint32_t* units = &frame.won_color[k].red;
+        for (std::size_t channel = 0; channel < 4; channel += hn::Lanes(wide)) {
+            const auto one = hn::PromoteTo(wide, hn::Load(narrow, units + channel));
+            hn::Store(hn::Add(hn::Load(wide, sum.color + channel), one), wide, sum.color + channel);
+            hn::Store(hn::Add(hn::Load(wide, sum.square + channel), squared(wide, one)), wide, sum.square + channel);
         }
         std::uint32_t& depth = frame.depth[frame.won_pixel[k]];
         depth = std::min(depth, twin::floatBitsToUint(frame.won[k].above_near));
     }
 }
 
-/// Asks for the particles of the span that comes next: another repeat's, so no hardware foresees them.
-void fetch(const RepeatParticles& repeat, const TileSpan& span) {
-    constexpr std::uint32_t kLine = 64 / sizeof(Particle);
-    constexpr std::uint32_t kMostLines = 256;  // a third of the first-level cache
-    const std::uint32_t begin = run_begin(repeat, span.first_run);
-    const std::uint32_t end = std::min(run_begin(repeat, span.end_run), begin + kMostLines * kLine);
-    for (std::uint32_t i = begin; i < end; i += kLine) __builtin_prefetch(&repeat.particles[i]);
-}
-
 void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const DrawConstants& constants, TileFrame& frame) {
     for (std::size_t i = 0; i < spans.size(); ++i) {
-        if (i + 1 < spans.size()) fetch(set.repeats[spans[i + 1].repeat], spans[i + 1]);
-        add_winners(find_winners<true>(set.repeats[spans[i].repeat], spans[i], frame, constants), frame);
+        const TileSpan& after = spans[std::min(i + 1, spans.size() - 1)];
+        const RepeatParticles& repeat = set.repeats[after.repeat];
+        const Particle* next = repeat.particles.data() + run_begin(repeat, after.first_run);
+        add_winners(find_winners<true>(set.repeats[spans[i].repeat], spans[i], next, frame, constants), frame);
     }
 }
 
 void find_span_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants, TileFrame& frame,
                        std::size_t& winners) {
-    winners = find_winners<false>(set.repeats[span.repeat], span, frame, constants);
+    winners = find_winners<false>(set.repeats[span.repeat], span, nullptr, frame, constants);
 }
 
 }  // namespace
