@@ -4,7 +4,9 @@
 // Names are stage/what: `probe` is the bare loop, all others are Pellucid. Only ratios of medians mean
 // something: run with --benchmark_enable_random_interleaving=true and at least 5 repetitions.
 // `--memory` instead draws once in this process and prints what it held as JSON.
+#include <algorithm>
 #include <atomic>
+#include <chrono>
 #include <cstring>
 #include <string>
 
@@ -21,6 +23,7 @@
 #include "reference/ray_scene.hpp"
 #include "reference/truth.hpp"
 #include "sample/particle_sampler.hpp"
+#include "vulkan/particles.hpp"
 
 namespace pellucid::bench {
 namespace {
@@ -101,6 +104,42 @@ void splat_probe(benchmark::State& state) {
     std::uint64_t points = 0;
     for (auto _ : state) points += probe.run();
     state.counters["particles"] = rate(points);
+}
+
+// ---- Drawing on Vulkan ------------------------------------------------------------------------
+
+/// Opened at the first use; only called where there is a device.
+[[nodiscard]] const vulkan::Device& device() {
+    static const vulkan::Device opened;
+    return opened;
+}
+
+void vulkan_splat_probe(benchmark::State& state) {
+    static VulkanSplatProbe probe(device(), std::size_t{1} << 24U, kImageSize);
+    for (auto _ : state) state.SetIterationTime(probe.run());
+    state.counters["particles"] = rate(done(state) * probe.count());
+}
+
+/// The whole ensemble by the device's clock; `wall`: by the host's, with all copies.
+template <bool wall>
+void draw_on_vulkan(benchmark::State& state) {
+    const Drawing& d = drawing<50'000'000>();
+    static const auto drawer = vulkan::make_particle_drawer(device(), d.scene);
+    const auto device_s = [&] {
+        double sum = 0;
+        for (const StageTime& time : drawer->device_times()) sum += time.device_s;
+        return sum;
+    };
+    for (auto _ : state) {
+        const double before = device_s();
+        const auto start = std::chrono::steady_clock::now();
+        EnsembleSums sums = make_sums(d.scene);
+        drawer->draw(d.particles, sums);
+        benchmark::DoNotOptimize(sums.pixels.data());
+        const std::chrono::duration<double> passed = std::chrono::steady_clock::now() - start;
+        state.SetIterationTime(wall ? passed.count() : device_s() - before);
+    }
+    state.counters["particles"] = rate(done(state) * d.particles.count());
 }
 
 // ---- Sampling ---------------------------------------------------------------------------------
@@ -201,6 +240,14 @@ void register_all() {
     thrice(RegisterBenchmark("draw/fast_5e7", draw_whole_ensemble<50'000'000, make_fast_drawer>));
     thrice(RegisterBenchmark("draw/fast_5e6", draw_whole_ensemble<5'000'000, make_fast_drawer>));
     once(RegisterBenchmark("draw/plain_5e7", draw_whole_ensemble<50'000'000, make_plain_drawer>));
+    if (std::ranges::any_of(vulkan::list_devices(), &vulkan::DeviceInfo::usable)) {
+        const auto by_own_clock = [](benchmark::internal::Benchmark* b) {
+            return b->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
+        };
+        by_own_clock(RegisterBenchmark("vulkan/probe", vulkan_splat_probe));
+        by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7", draw_on_vulkan<false>));
+        by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7_with_copies", draw_on_vulkan<true>));
+    }
     thrice(RegisterBenchmark("sample/probe", torus_lines_probe));
     once(RegisterBenchmark("sample/torus", sample<torus>));
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full>));

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "io/mesh_file.hpp"
+#include "vulkan/device.hpp"
 
 namespace pellucid::bench {
 
@@ -27,6 +28,23 @@ private:
     int size_;
     std::vector<Point> points_;
     std::vector<std::uint64_t> keys_;
+};
+
+/// The same on Vulkan: one point an invocation, one 64-bit minimum.
+class VulkanSplatProbe {
+public:
+    VulkanSplatProbe(const vulkan::Device& device, std::size_t points, int size);
+    /// Clears and splats all points; seconds by the device's clock.
+    double run();
+    [[nodiscard]] std::uint64_t count() const { return count_; }
+
+private:
+    const vulkan::Device& device_;
+    std::uint64_t count_;
+    std::uint32_t size_;
+    vulkan::Kernel kernel_;
+    vulkan::Commands commands_;
+    vulkan::Buffer points_, keys_;
 };
 
 /// All hits of coherent primary rays with triangles: Embree with a 16-wide context filter that keeps

@@ -1,7 +1,8 @@
-# Shaders: lib/vulkan/shaders/NAME.comp.glsl becomes the words of its SPIR-V in generated/shaders/NAME.comp.inc,
+# Shaders: lib/vulkan/shaders/NAME.comp.glsl (and those of the probes in bench/) becomes the words of its SPIR-V in generated/shaders/NAME.comp.inc,
 # which C++ includes between braces. They include twin headers as C++ does: #include "kernel/NAME_twin.h".
 find_program(GLSLC glslc REQUIRED)
-file(GLOB PELLUCID_SHADERS CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/lib/vulkan/shaders/*.comp.glsl)
+file(GLOB PELLUCID_SHADERS CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/lib/vulkan/shaders/*.comp.glsl
+     ${CMAKE_CURRENT_SOURCE_DIR}/bench/*.comp.glsl)
 set(shader_words)
 foreach(source ${PELLUCID_SHADERS})
     get_filename_component(name ${source} NAME_WE)

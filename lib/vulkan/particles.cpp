@@ -20,7 +20,7 @@ constexpr std::uint32_t kMeanWords[] = {
 #include "shaders/particle_mean.comp.inc"
 };
 
-static_assert(sizeof(twin::PixelSums) == 56 && sizeof(twin::DrawSpan) == 20 && sizeof(twin::Particle) == 16);
+static_assert(sizeof(twin::PixelSums) == 56 && sizeof(twin::PackedSums) == 40 && sizeof(twin::DrawSpan) == 20 && sizeof(twin::Particle) == 16);
 static_assert(sizeof(twin::Material) == 80 && sizeof(twin::ViewLight) == 20 && sizeof(twin::Projection) == 80);
 static_assert(offsetof(twin::DrawSetup, view) == 80 && offsetof(twin::DrawSetup, tile_columns) == 96 &&
               offsetof(twin::DrawSetup, particles) == 104);
@@ -76,11 +76,13 @@ struct Chunk {
     std::vector<twin::DrawSpan> spans;
     std::vector<std::uint32_t> tile_of_span;
     std::uint32_t particles = 0;
+    std::uint32_t repeats = 0;  // that have a span here
 
     void add(const ParticleSet& set, std::uint32_t repeat_index, std::uint32_t tile, std::uint32_t first_run, std::uint32_t end_run) {
         const RepeatParticles& repeat = set.repeats[repeat_index];
         const std::uint32_t begin = run_begin(repeat, first_run);
         const std::uint32_t count = run_begin(repeat, end_run) - begin;
+        if (pieces.empty() || pieces.back().repeat != repeat_index) ++repeats;
         if (!pieces.empty() && pieces.back().repeat == repeat_index && pieces.back().begin + pieces.back().count == begin) {
             pieces.back().count += count;
         } else {
@@ -88,7 +90,8 @@ struct Chunk {
         }
         const auto first = static_cast<std::uint32_t>(runs.size());
         for (std::uint32_t run = first_run; run < end_run; ++run)
-            runs.push_back({particles + repeat.runs[run].begin - begin, repeat.runs[run].bin % set.objects});
+            runs.push_back({particles + run_begin(repeat, run) - begin, particles + run_begin(repeat, run + 1) - begin,
+                            repeat.runs[run].bin % set.objects});
         spans.push_back({particles, count, begin, first, static_cast<std::uint32_t>(runs.size())});
         tile_of_span.push_back(tile);
         particles += count;
@@ -119,7 +122,7 @@ public:
         materials_ = filled(bytes_of(shading.materials));
         lights_ = filled(bytes_of(shading.lights));
         texels_ = filled(bytes_of(shading.texels));
-        keys_ = Buffer(device, slots_ * twin::kTilePixels * sizeof(std::uint64_t));
+        keys_ = Buffer(device, slots_ * twin::kSlotPixels * sizeof(std::uint64_t));
         setup_.projection = frame.projection(camera_);
         setup_.view = shading.view;
         setup_.tile_columns = grid_.columns;
@@ -135,20 +138,21 @@ public:
 
     void draw(const ParticleSet& set, EnsembleSums& sums) override {
         const std::uint64_t image_pixels = sums.pixels.size();
-        sums_.exactly(device_, slots_ * twin::kTilePixels * sizeof(twin::PixelSums));
+        sums_.exactly(device_, slots_ * twin::kSlotPixels * sizeof(twin::PackedSums));
         image_.exactly(device_, image_pixels * sizeof(twin::PixelSums));
         commands_.begin_stage("clear");
         commands_.fill(sums_.buffer(), 0, sums_.buffer().bytes(), 0);
+        commands_.fill(image_.buffer(), 0, image_.buffer().bytes(), 0);
         commands_.end_stage();
         note(commands_.submit_and_wait());
-        for_each_chunk(set, [&](const Chunk& chunk) { run(draw_, set, chunk, "project and resolve"); });
-
-        upload_setup();  // nothing may have been drawn
-        const auto padded = static_cast<std::uint32_t>(grid_.count() * twin::kTilePixels);
-        commands_.begin_stage("average");
-        commands_.dispatch(mean_, Push{setup_buffer_.address(), padded}, device_.groups_for(padded, group_size_));
-        commands_.end_stage();
-        note(commands_.submit_and_wait());
+        for_each_chunk(set, [&](const Chunk& chunk) {
+            run(draw_, set, chunk, "project and resolve");
+            const auto padded = static_cast<std::uint32_t>(grid_.count() * twin::kTilePixels);
+            commands_.begin_stage("average");
+            commands_.dispatch(mean_, Push{setup_buffer_.address(), padded}, device_.groups_for(padded, group_size_));
+            commands_.end_stage();
+            note(commands_.submit_and_wait());
+        });
         std::vector<twin::PixelSums> read(image_pixels);
         download(device_, image_.buffer(), std::as_writable_bytes(std::span(read)));
         parallel_for(read.size(), 4096, [&](std::size_t begin, std::size_t end) {
@@ -157,7 +161,7 @@ public:
                 sums.pixels[i].add({.color = {s.red, s.green, s.blue},
                                     .square = {s.red_square, s.green_square, s.blue_square},
                                     .covered = s.covered,
-                                    .depth = ~s.nearness});
+                                    .depth = twin::depth_of_nearness(s.nearness)});
             }
         });
         sums.particles += set.count();
@@ -193,7 +197,8 @@ private:
         const DeviceInfo& info = device.info();
         const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 1;
         const std::uint32_t subgroup = std::max(1U, info.subgroup_size);
-        return std::min((wished + subgroup - 1) / subgroup * subgroup, info.max_workgroup_size);
+        const std::uint32_t most = std::min(twin::kMostGroup, info.max_workgroup_size);
+        return std::min((wished + subgroup - 1) / subgroup * subgroup, most);
     }
 
     [[nodiscard]] Buffer filled(std::span<const std::byte> bytes) const {
@@ -219,7 +224,9 @@ private:
             for_each_span(set.repeats[r], set.objects, grid_.count(),
                           [&](std::uint32_t tile, std::uint32_t first_run, std::uint32_t end_run) {
                               const std::uint64_t count = run_begin(set.repeats[r], end_run) - run_begin(set.repeats[r], first_run);
-                              if ((chunk.particles + count) * sizeof(Particle) > chunk_bytes_) finish();
+                              const bool full = (chunk.particles + count) * sizeof(Particle) > chunk_bytes_;
+                              const bool next_repeat = chunk.pieces.empty() || chunk.pieces.back().repeat != r;
+                              if (full || (next_repeat && chunk.repeats == twin::kPackedRepeats)) finish();
                               chunk.add(set, r, tile, first_run, end_run);
                           });
         finish();

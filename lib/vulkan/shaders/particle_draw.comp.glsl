@@ -1,8 +1,9 @@
 // STEP 2 of PBSR: projection with occlusion, shading of the winners, sums over the repeats.
 //
-// A workgroup is one item: some repeats of one tile. It reads particles, spans, runs; writes `pixels` (who won
-// which pixel) and the keys and sums of its own slot, which no other workgroup touches. Keys are all ones before
-// and after. Within a repeat one invocation at most wins a pixel, so sums need no atomics.
+// A workgroup is one item: some repeats of one tile. It reads particles, spans, runs; writes the keys and sums of its
+// own slot, which no other workgroup touches, and `pixels` (who won which pixel) where colours are not asked for.
+// Keys are all ones before and after. Within a repeat one invocation at most wins a pixel, so sums need no atomics;
+// a winner may clear its key at once, since no other particle's key could have been equal to it.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
@@ -14,7 +15,7 @@ layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const bool kShaded = true;
 
 layout(buffer_reference, scalar) readonly buffer Setup { DrawSetup it; };
-layout(buffer_reference, scalar) readonly buffer Particles { Particle at[]; };
+layout(buffer_reference, scalar) readonly buffer Particles { u64vec2 at[]; };  // two loads, not four
 layout(buffer_reference, scalar) readonly buffer Runs { DrawRun at[]; };
 layout(buffer_reference, scalar) readonly buffer Spans { DrawSpan at[]; };
 layout(buffer_reference, scalar) readonly buffer Items { DrawItem at[]; };
@@ -23,7 +24,7 @@ layout(buffer_reference, scalar) readonly buffer Lights { ViewLight at[]; };
 layout(buffer_reference, scalar) readonly buffer Texels { Vec3f at[]; };
 layout(buffer_reference, scalar) buffer Pixels { uint at[]; };
 layout(buffer_reference, scalar) coherent buffer Keys { uint64_t at[]; };
-layout(buffer_reference, scalar) buffer Sums { PixelSums at[]; };
+layout(buffer_reference, scalar) buffer Sums { PackedSums at[]; };
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     uint item_count;
@@ -41,92 +42,90 @@ Vec3f texture_color(Material m, Particle q) {
     return Vec3f(mix_texels(p, a.x, b.x, c.x, d.x), mix_texels(p, a.y, b.y, c.y, d.y), mix_texels(p, a.z, b.z, c.z, d.z));
 }
 
-ColorUnits shade_particle(Material m, Particle q) {
-    ShadingView view = setup.it.view;
-    Lights lights = Lights(setup.it.lights);
-    Vec3f to_viewer = direction_to_viewer(view, q);
-    Vec3f normal = turned_to(unpack_normal(q.normal), to_viewer);
+struct Lighting {
+    ShadingView view;
+    ViewLight first;     // in registers: most scenes have no more
+    ViewLight second;
+};
+
+LightSums add_view_light(LightSums sums, ViewLight light, Vec3f normal, Vec3f to_viewer, float shininess) {
+    Vec3f l;
+    l.x = light.headlight != 0 ? to_viewer.x : light.direction.x;
+    l.y = light.headlight != 0 ? to_viewer.y : light.direction.y;
+    l.z = light.headlight != 0 ? to_viewer.z : light.direction.z;
+    return add_light(sums, normal, to_viewer, l, light.intensity, shininess);
+}
+
+ColorUnits shade_particle(Lighting lighting, Material m, Particle q) {
+    ShadingView view = lighting.view;
     LightSums sums = LightSums(0.0, 0.0);
-    for (int i = 0; i < view.light_count; ++i) {
-        ViewLight light = lights.at[i];
-        Vec3f to_light = light.direction;
-        if (light.headlight != 0) to_light = to_viewer;
-        sums = add_light(sums, normal, to_viewer, to_light, light.intensity, m.shininess);
+    if (m.flat_colored == 0) {
+        Vec3f to_viewer = direction_to_viewer(view, q);
+        Vec3f normal = turned_to(unpack_normal(q.normal), to_viewer);
+        sums = add_view_light(sums, lighting.first, normal, to_viewer, m.shininess);
+        if (view.light_count > 1) sums = add_view_light(sums, lighting.second, normal, to_viewer, m.shininess);
+        for (int i = 2; i < view.light_count; ++i)
+            sums = add_view_light(sums, Lights(setup.it.lights).at[i], normal, to_viewer, m.shininess);
     }
     Vec3f color = Vec3f(m.red, m.green, m.blue);
     if (m.texture_width > 0) color = texture_color(m, q);
     return color_units(m, sums, color.x, color.y, color.z, view.units);
 }
 
-uint object_of(DrawSpan span, uint particle) {
-    Runs runs = Runs(setup.it.runs);
-    uint lo = span.first_run;
-    uint hi = span.end_run;
-    while (hi - lo > 1u) {
-        uint middle = (lo + hi) >> 1u;
-        if (runs.at[middle].first <= particle) {
-            lo = middle;
-        } else {
-            hi = middle;
-        }
-    }
-    return runs.at[lo].object;
+Particle particle_at(uint i) {
+    u64vec2 words = Particles(setup.it.particles).at[i];
+    uvec2 a = unpackUint2x32(words.x);
+    uvec2 b = unpackUint2x32(words.y);
+    return Particle(uintBitsToFloat(a.x), uintBitsToFloat(a.y), uintBitsToFloat(b.x), b.y);
 }
 
-void add(uint place, Particle q, ColorUnits c) {
-    Sums sums = Sums(setup.it.sums);
-    PixelSums s = sums.at[place];
-    s.red += uint64_t(c.red);
-    s.green += uint64_t(c.green);
-    s.blue += uint64_t(c.blue);
-    s.red_square += uint64_t(c.red) * uint64_t(c.red);
-    s.green_square += uint64_t(c.green) * uint64_t(c.green);
-    s.blue_square += uint64_t(c.blue) * uint64_t(c.blue);
-    s.covered += 1u;
-    s.nearness = max(s.nearness, ~floatBitsToUint(q.above_near));
-    sums.at[place] = s;
+uint tile_pixel(PixelDepth at) {
+    return uint(((at.row & (kTileSide - 1)) << kTileShift) | (at.column & (kTileSide - 1)));
 }
 
 void main() {
     uint number = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
     if (number >= item_count) return;
     DrawItem item = Items(setup.it.items).at[number];
-    Particles particles = Particles(setup.it.particles);
-    Pixels pixels = Pixels(setup.it.pixels);
     Keys keys = Keys(setup.it.keys);
+    Sums sums = Sums(setup.it.sums);
+    Spans spans = Spans(setup.it.spans);
+    Runs runs = Runs(setup.it.runs);
     Projection projection = setup.it.projection;
-    uint base = item.slot * uint(kTilePixels);
+    Lighting lighting;
+    lighting.view = setup.it.view;
+    lighting.first = Lights(setup.it.lights).at[0];
+    lighting.second = Lights(setup.it.lights).at[min(1, lighting.view.light_count - 1)];
     uint lane = gl_LocalInvocationID.x;
     uint lanes = gl_WorkGroupSize.x;
+    uint base = item.slot * kSlotPixels;
+    uint nowhere = base + uint(kTilePixels) + lane;
     for (uint s = item.first_span; s < item.end_span; ++s) {
-        DrawSpan span = Spans(setup.it.spans).at[s];
+        DrawSpan span = spans.at[s];
         // Nearest wins.
         for (uint i = lane; i < span.count; i += lanes) {
-            Particle q = particles.at[span.first + i];
-            PixelDepth at = project_quickly(projection, q);
-            uint pixel = uint(((at.row & (kTileSide - 1)) << kTileShift) | (at.column & (kTileSide - 1)));
-            pixels.at[span.first + i] = pixel;
-            atomicMin(keys.at[base + pixel], particle_key(q, span.index + i));
+            Particle q = particle_at(span.first + i);
+            atomicMin(keys.at[base + tile_pixel(project_quickly(projection, q))], particle_key(q, span.index + i));
         }
         memoryBarrierBuffer();
         barrier();
         // Winners are shaded and added.
-        for (uint i = lane; i < span.count; i += lanes) {
-            Particle q = particles.at[span.first + i];
-            uint pixel = pixels.at[span.first + i];
-            bool won = keys.at[base + pixel] == particle_key(q, span.index + i);
-            if (!won) pixels.at[span.first + i] = kNoTilePixel;
-            if (won && kShaded) {
-                Material m = Materials(setup.it.materials).at[object_of(span, span.first + i)];
-                add(base + pixel, q, shade_particle(m, q));
+        for (uint r = span.first_run; r < span.end_run; ++r) {
+            DrawRun run = runs.at[r];
+            Material m;
+            if (kShaded) m = Materials(setup.it.materials).at[run.object];
+            for (uint i = run.first + lane; i < run.end; i += lanes) {
+                Particle q = particle_at(i);
+                uint pixel = tile_pixel(project_quickly(projection, q));
+                bool won = keys.at[base + pixel] == particle_key(q, span.index + i - span.first);
+                uint place = won ? base + pixel : nowhere;
+                keys.at[place] = ~uint64_t(0);
+                if (kShaded) {
+                    sums.at[place] = add_packed(sums.at[place], shade_particle(lighting, m, q), nearness_of(q));
+                } else {
+                    Pixels(setup.it.pixels).at[i] = won ? pixel : kNoTilePixel;
+                }
             }
-        }
-        memoryBarrierBuffer();
-        barrier();
-        // All ones again.
-        for (uint i = lane; i < span.count; i += lanes) {
-            uint pixel = pixels.at[span.first + i];
-            if (pixel != kNoTilePixel) keys.at[base + pixel] = ~uint64_t(0);
         }
         memoryBarrierBuffer();
         barrier();
