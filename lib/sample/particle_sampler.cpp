@@ -54,7 +54,7 @@ private:
         if (!(mean > 0)) return;
         RandomStream random = count_stream(sampler, settings_, repeat_);
         if (settings_.keep_all_crossings) {
-            const double lines = mean / sampler.max_crossings();
+            const double lines = mean * sampler.line_pixels() / sampler.virtual_pixels();
             add_all_crossings(sampler, std::poisson_distribution<std::uint64_t>(lines)(random));
         } else if (settings_.trials == TrialLaw::poisson) {
             // A Poisson number in every block is a Poisson number in all.
@@ -62,8 +62,9 @@ private:
                 const double share = sampler.block_virtual_pixels(block) / sampler.virtual_pixels();
                 const std::uint64_t trials = std::poisson_distribution<std::uint64_t>(mean * share)(random);
                 if (trials > 0xffffffffU) throw run_error("more than 2^32 trials in one repeat: lower opacity or resolution");
-                for (std::uint32_t i = 0; i < trials; ++i)
-                    if (const auto point = sampler.trial_in_block(block, settings_.seed, repeat_, i)) push(*point);
+                points_.clear();
+                sampler.trials_in_block(block, settings_.seed, repeat_, 0, static_cast<std::uint32_t>(trials), points_);
+                for (const LineSampler::Point& point : points_) push(point);
             }
         } else {
             const std::uint64_t trials = fixed_trials(sampler, mean, random);
@@ -106,6 +107,7 @@ private:
     const ParticleFrame& frame_;
     const SamplerSettings& settings_;
     std::uint32_t repeat_;
+    std::vector<LineSampler::Point> points_;  // of one block
     std::vector<Particle> particles_;
     std::vector<std::uint32_t> ends_;
 };
