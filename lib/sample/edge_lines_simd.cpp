@@ -1,6 +1,26 @@
 // The trials of edge_lines.cpp over SIMD lanes: Highway, with the instruction set chosen at run time.
 #include "sample/edge_lines.hpp"
 
+#ifndef PELLUCID_SAMPLE_EDGE_LINES_PACKING
+#define PELLUCID_SAMPLE_EDGE_LINES_PACKING
+namespace pellucid {
+namespace {
+
+/// The places of the set bits of a byte, in order.
+constexpr std::array<std::array<std::uint8_t, 8>, 256> kPacking = [] {
+    std::array<std::array<std::uint8_t, 8>, 256> table{};
+    for (std::size_t bits = 0; bits < 256; ++bits) {
+        std::size_t n = 0;
+        for (std::size_t lane = 0; lane < 8; ++lane)
+            if ((bits >> lane & 1U) != 0) table[bits][n++] = static_cast<std::uint8_t>(lane);
+    }
+    return table;
+}();
+
+}  // namespace
+}  // namespace pellucid
+#endif
+
 #undef HWY_TARGET_INCLUDE
 #define HWY_TARGET_INCLUDE "sample/edge_lines_simd.cpp"
 #include <hwy/foreach_target.h>
@@ -137,7 +157,17 @@ void words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t first
 /// Appends the lanes of the mask.
 HWY_INLINE void append(PointChunk& out, Mask kept, const V3& view, const V3& normal, const V3& place, VU piece, VU line) {
     const std::size_t n = out.count;
-    const auto put = [&](V value, double* to) { hn::StoreU(hn::Compress(value, kept), d, to + n); };
+#if HWY_TARGET == HWY_SCALAR
+    const auto packed = [&](V value) { return value; };
+#else
+    // One look-up for all values: Highway 1.0 makes one a value, from a table that g++ copies each time.
+    std::uint8_t bits[8];
+    (void)hn::StoreMaskBits(d, kept, bits);
+    const auto places = hn::LoadU(hn::Rebind<std::uint8_t, D>(), kPacking[bits[0]].data());
+    const auto order = hn::IndicesFromVec(d, hn::PromoteTo(du, hn::PromoteTo(hn::Rebind<std::uint32_t, D>(), places)));
+    const auto packed = [&](V value) { return hn::TableLookupLanes(value, order); };
+#endif
+    const auto put = [&](V value, double* to) { hn::StoreU(packed(value), d, to + n); };
     put(view.x, out.view[0]);
     put(view.y, out.view[1]);
     put(view.z, out.view[2]);
@@ -148,7 +178,7 @@ HWY_INLINE void append(PointChunk& out, Mask kept, const V3& view, const V3& nor
     put(place.y, out.place[1]);
     put(place.z, out.place[2]);
     const auto put_word = [&](VU value, std::uint64_t* to) {
-        hn::StoreU(hn::BitCast(du, hn::Compress(hn::BitCast(d, value), kept)), du, to + n);
+        hn::StoreU(hn::BitCast(du, packed(hn::BitCast(d, value))), du, to + n);
     };
     put_word(piece, out.piece);
     put_word(line, out.line);
