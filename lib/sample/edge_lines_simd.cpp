@@ -397,6 +397,8 @@ void flats(const LineView& view, const FlatBlock& block, const LineWords& words,
 HWY_AFTER_NAMESPACE();
 
 #if HWY_ONCE
+#include <hwy/cache_control.h>
+
 namespace pellucid {
 
 HWY_EXPORT(words_of);
@@ -413,10 +415,17 @@ void cross_boxes(const LineView& view, const BoxLines& lines, int label, const L
     HWY_DYNAMIC_DISPATCH(boxes)(view, lines, label, words, count, out);
 }
 void cross_cells(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
+    for (std::uint32_t i = 0; i < count; ++i) hwy::Prefetch(block.cells + words.piece[i]);
     out.count = 0;
     HWY_DYNAMIC_DISPATCH(cells)(view, block, words, count, out);
 }
 void throw_flats(const LineView& view, const FlatBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
+    // Three look-ups, each by what the one before it found: fetch ahead for all lines, then take one after the other.
+    const auto corners = [&](std::uint32_t i) { return block.triangles + std::size_t{3} * block.pieces[words.piece[i]].triangle; };
+    for (std::uint32_t i = 0; i < count; ++i) hwy::Prefetch(block.pieces + words.piece[i]);
+    for (std::uint32_t i = 0; i < count; ++i) hwy::Prefetch(corners(i));
+    for (std::uint32_t i = 0; i < count; ++i)
+        for (std::size_t k = 0; k < 3; ++k) hwy::Prefetch(block.positions + std::size_t{3} * corners(i)[k]);
     out.count = 0;
     HWY_DYNAMIC_DISPATCH(flats)(view, block, words, count, out);
 }

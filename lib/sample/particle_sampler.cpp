@@ -6,6 +6,7 @@
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
+#include "sample/pack_points.hpp"
 
 namespace pellucid {
 namespace {
@@ -69,7 +70,11 @@ public:
     }
 
     void add(std::span<const LineSampler::Point> points) {
-        for (const LineSampler::Point& point : points) push(point);
+        if (points.size() > 0xffffffffU - particles_.size())
+            throw run_error("more than 2^32 particles in one repeat: lower opacity or resolution");
+        const std::size_t before = particles_.size();
+        particles_.resize(before + points.size());
+        pack_points(frame_, points, std::span(particles_).subspan(before));
     }
 
     [[nodiscard]] RepeatParticles finish() {
