@@ -215,6 +215,7 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
         for (int axis = 0; axis < 3; ++axis) add_blocks(Kind::cells, axis, weights.cells[static_cast<std::size_t>(axis)]);
         add_blocks(Kind::lines, 0, weights.lines);
     }
+    cells_.shrink_to_fit();
     std::vector<double> sums;
     for (const Block& block : blocks_) sums.push_back(block.virtual_pixels);
     if (virtual_pixels_ > 0) block_table_ = AliasTable(sums);

@@ -184,6 +184,17 @@ void build_repeats(std::span<const LineSampler> samplers, const SamplerSettings&
     }
 }
 
+/// How many repeats are built together in exact mode: as many as leave work for all threads and do not
+/// hold more than some 256 MiB, if every trial gave a particle.
+[[nodiscard]] std::uint32_t exact_run(std::span<const LineSampler> samplers, const SamplerSettings& settings, std::uint32_t count) {
+    if (settings.exact_count || settings.keep_all_crossings) return 1;
+    double trials = 0;
+    for (const LineSampler& sampler : samplers) trials += mean_trials(sampler, settings.trials);
+    const double fit = 0x1p28 / (sizeof(Particle) * std::max(trials, 1.0));
+    const std::uint32_t share = count / (4 * static_cast<std::uint32_t>(std::max(1, thread_count())));
+    return std::clamp(static_cast<std::uint32_t>(std::min<double>(fit, share)), 1U, kLineGroup);
+}
+
 }  // namespace
 
 ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
@@ -192,9 +203,7 @@ ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSam
     if (fast && (settings.trials != TrialLaw::poisson || settings.exact_count))
         throw input_error("particles.lines = \"fast\", expected \"exact\" where the number of particles is fixed");
     ParticleSet set{ParticleFrame(scene.camera), std::vector<RepeatParticles>(count)};
-    // Runs of repeats that are built together: the groups of fast mode, else as long as leaves work for all threads.
-    const std::uint32_t share = count / (4 * static_cast<std::uint32_t>(std::max(1, thread_count())));
-    const std::uint32_t run = fast ? kLineGroup : std::clamp(share, 1U, kLineGroup);
+    const std::uint32_t run = fast ? kLineGroup : exact_run(samplers, settings, count);
     const std::uint32_t offset = fast ? first % run : 0;  // of the first repeat in its run
     parallel_for((offset + count + run - 1) / run, 1, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
@@ -204,7 +213,7 @@ ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSam
             for (std::uint32_t k = from; k < to; ++k)
                 builders.emplace_back(set.frame, settings, settings.same_set_in_all_repeats ? 0 : first + k);
             build_repeats(samplers, settings, first + from, builders);
-            for (std::uint32_t k = from; k < to; ++k) set.repeats[k] = builders[k - from].finish();
+            for (std::uint32_t k = to; k-- > from; builders.pop_back()) set.repeats[k] = builders.back().finish();
         }
     });
     return set;
