@@ -154,6 +154,39 @@ TEST(LineSampler, DensityIsOneOverVForEverySurfaceLawAndProjection) {
     EXPECT_EQ(tests, 40);
 }
 
+// Closed forms of the sampler against the root finder that rays use: the same surface.
+TEST(LineSampler, PointsLieWhereRaysMeetTheSurface) {
+    for (const char* shape : {"sphere", "ellipsoid", "torus", "plane", "cylinder", "cone", "paraboloid", "saddle", "hyperboloid",
+                              "hyperboloid_two_sheets"})
+        for (const char* place : {"", "rotate_degrees = [20, 30, 40]\nscale = [1.5, 0.3, 0.8]\ntranslate = [0.5, -0.2, 0.1]\n"}) {
+            const PreparedScene scene = prepare(scene_from(kAll + "implicit = \"" + shape + "\"\n" + place));
+            const SurfaceGeometry& geometry = *scene.objects[0].geometry;
+            const LineSampler sampler(scene.objects[0], scene.camera, 0);
+            int met = 0;
+            int asked = 0;
+            double worst = 0;
+            for (std::uint64_t i = 0; i < 20000; ++i) {
+                const auto p = sampler.trial({1}, 0, i);
+                if (!p) continue;
+                ++asked;
+                const Vec3 normal = normalize(scene.camera.world_vector(p->view_normal));
+                std::array<Crossing, kMaxCrossings> hits;
+                const int found = geometry.crossings(0, {scene.camera.to_world(p->view), normal, -0.1, 0.1}, hits);
+                for (int k = 0; k < found; ++k) {
+                    const Crossing& hit = hits[static_cast<std::size_t>(k)];
+                    if (std::abs(hit.t) > 1e-9) continue;
+                    ++met;
+                    worst = std::max(worst, std::abs(hit.t));
+                    EXPECT_GT(std::abs(dot(normalize(hit.normal), normal)), 1 - 1e-9);
+                    break;
+                }
+            }
+            EXPECT_GT(asked, 1000) << shape;
+            EXPECT_EQ(met, asked) << shape << place;
+            EXPECT_LT(worst, 2e-13) << shape << place;
+        }
+}
+
 /// Hides what a geometry knows of itself: bodies and crossings are all that is left.
 class Anonymous final : public SurfaceGeometry {
 public:
