@@ -6,7 +6,8 @@
 namespace pellucid {
 
 AliasTable::AliasTable(std::span<const double> weights)
-    : columns_(std::bit_ceil(weights.size()), Column{0xffffffffU, 0}), shift_(32 - std::countr_zero(columns_.size())) {
+    : columns_(std::bit_ceil(weights.size()), Column{0xffffffffU, 0}),
+      shift_(32 - std::countr_zero(columns_.size())) {
     // Up to the next power of two columns stand for nothing, so that bits choose one without rounding.
     const std::size_t n = columns_.size();
     double sum = 0;

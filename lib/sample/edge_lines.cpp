@@ -9,12 +9,14 @@ namespace {
 using Triple = std::array<double, 3>;
 
 [[nodiscard]] double lerp(double a, double b, double t) { return a + t * (b - a); }
-[[nodiscard]] double dot3(const Triple& a, const Triple& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+[[nodiscard]] double dot3(const Triple& a, const Triple& b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 [[nodiscard]] bool in_view(const LineView& view, const Triple& at) {
     const double depth = view.perspective ? at[2] : 1;
-    return at[2] >= view.near && at[2] <= view.far && at[0] >= view.x_lo * depth && at[0] < view.x_hi * depth &&
-           at[1] >= view.y_lo * depth && at[1] < view.y_hi * depth;
+    return at[2] >= view.near && at[2] <= view.far && at[0] >= view.x_lo * depth &&
+           at[0] < view.x_hi * depth && at[1] >= view.y_lo * depth && at[1] < view.y_hi * depth;
 }
 
 /// The cube of the scaled depth, and the square of the scaled distance: 1 where all depths are alike.
@@ -27,8 +29,8 @@ using Triple = std::array<double, 3>;
 }
 
 /// Places `x` in view and decides.
-[[nodiscard]] bool keep(const LineView& view, const Triple& x, const Triple& g, const Triple& reach, double bound,
-                        double chance, LinePoint& out) {
+[[nodiscard]] bool keep(const LineView& view, const Triple& x, const Triple& g, const Triple& reach,
+                        double bound, double chance, LinePoint& out) {
     for (std::size_t k = 0; k < 3; ++k) {
         const auto& m = view.to_view[k];
         out.view[k] = m[0] * x[0] + m[1] * x[1] + m[2] * x[2] + m[3];
@@ -79,11 +81,13 @@ LineView::LineView(const Camera& camera, const Affine& to_world, bool constant)
         camera_place[a] = camera.eye()[static_cast<int>(a)];
         eye[a] = from[static_cast<int>(a)];
         reach[a] = constant ? std::abs(eye[a])
-                            : std::sqrt(normal[0][a] * normal[0][a] + normal[1][a] * normal[1][a] + normal[2][a] * normal[2][a]);
+                            : std::sqrt(normal[0][a] * normal[0][a] + normal[1][a] * normal[1][a] +
+                                        normal[2][a] * normal[2][a]);
     }
 }
 
-bool cross_box(const LineView& view, const BoxLines& lines, int label, double u, double v, double chance, LinePoint& out) {
+bool cross_box(const LineView& view, const BoxLines& lines, int label, double u, double v, double chance,
+               LinePoint& out) {
     const auto a = static_cast<std::size_t>(lines.axis);
     const std::size_t b = (a + 1) % 3;
     const std::size_t c = (a + 2) % 3;
@@ -152,7 +156,8 @@ bool cross_cell(const LineView& view, const CellRecord& cell, double isovalue, i
     const double f1 = lerp(lerp(h00, h10, u), lerp(h01, h11, u), v);
     if ((f0 >= 0) == (f1 >= 0)) return false;
     const double t = f0 / (f0 - f1);
-    const double m00 = lerp(l00, h00, t), m10 = lerp(l10, h10, t), m01 = lerp(l01, h01, t), m11 = lerp(l11, h11, t);
+    const double m00 = lerp(l00, h00, t), m10 = lerp(l10, h10, t), m01 = lerp(l01, h01, t),
+                 m11 = lerp(l11, h11, t);
     Triple x, g;
     const Triple base{static_cast<double>(cell.base[0]), static_cast<double>(cell.base[1]),
                       static_cast<double>(cell.base[2])};
@@ -169,18 +174,21 @@ bool cross_cell(const LineView& view, const CellRecord& cell, double isovalue, i
     return keep(view, x, g, reach, cell.bound, chance, out);
 }
 
-bool throw_flat(const LineView& view, const FlatBlock& block, std::uint32_t piece, double u, double v, double chance,
-                LinePoint& out) {
+bool throw_flat(const LineView& view, const FlatBlock& block, std::uint32_t piece, double u, double v,
+                double chance, LinePoint& out) {
     if (block.fold && u + v > 1) {
         u = 1 - u;
         v = 1 - v;
     }
     const FlatPiece& flat = block.pieces[piece];
     const double* p[3];
-    for (std::size_t i = 0; i < 3; ++i) p[i] = block.positions + std::size_t{3} * block.triangles[3 * flat.triangle + i];
+    for (std::size_t i = 0; i < 3; ++i)
+        p[i] = block.positions + std::size_t{3} * block.triangles[3 * flat.triangle + i];
     Triple x;
-    for (std::size_t k = 0; k < 3; ++k) x[k] = p[0][k] + u * (p[1][k] - p[0][k]) + v * (p[2][k] - p[0][k]) - view.camera_place[k];
-    for (std::size_t k = 0; k < 3; ++k) out.view[k] = dot3({view.to_view[k][0], view.to_view[k][1], view.to_view[k][2]}, x);
+    for (std::size_t k = 0; k < 3; ++k)
+        x[k] = p[0][k] + u * (p[1][k] - p[0][k]) + v * (p[2][k] - p[0][k]) - view.camera_place[k];
+    for (std::size_t k = 0; k < 3; ++k)
+        out.view[k] = dot3({view.to_view[k][0], view.to_view[k][1], view.to_view[k][2]}, x);
     out.place = {u, v, 0};
     if (!in_view(view, out.view)) return false;
     if (!view.perspective) return true;

@@ -55,7 +55,8 @@ HWY_INLINE VU multiply_low_halves(VU a, VU b) {
 
 /// Gathers take 32-bit places for 32-bit lanes.
 HWY_INLINE hn::Vec<hn::Rebind<std::int32_t, D>> short_place(hn::Vec<DI> place) {
-    return hn::BitCast(hn::Rebind<std::int32_t, D>(), hn::TruncateTo(hn::Rebind<std::uint32_t, D>(), hn::BitCast(du, place)));
+    return hn::BitCast(hn::Rebind<std::int32_t, D>(),
+                       hn::TruncateTo(hn::Rebind<std::uint32_t, D>(), hn::BitCast(du, place)));
 }
 
 struct V3 {
@@ -71,8 +72,8 @@ HWY_INLINE void philox(const LineKeys& keys, VU index, Words (&out)[blocks]) {
     const VU m0 = hn::Set(du, 0xD2511F53U);
     const VU m1 = hn::Set(du, 0xCD9E8D57U);
     for (std::size_t i = 0; i < blocks; ++i)
-        out[i] = {{index, hn::Set(du, keys.block | (i << 24U)),
-                   hn::Set(du, std::uint64_t{keys.repeat}), hn::Set(du, std::uint64_t{keys.object})}};
+        out[i] = {{index, hn::Set(du, keys.block | (i << 24U)), hn::Set(du, std::uint64_t{keys.repeat}),
+                   hn::Set(du, std::uint64_t{keys.object})}};
     auto k0 = static_cast<std::uint32_t>(keys.seed);
     auto k1 = static_cast<std::uint32_t>(keys.seed >> 32U);
     for (int round = 0; round < 10; ++round) {
@@ -103,17 +104,22 @@ HWY_INLINE V unit(VU bits) { return hn::Mul(hn::Add(to_double(bits), hn::Set(d, 
 
 HWY_INLINE V lerp(V a, V b, V t) { return hn::Add(a, hn::Mul(t, hn::Sub(b, a))); }
 HWY_INLINE V sum3(V a, V b, V c) { return hn::Add(hn::Add(a, b), c); }
-HWY_INLINE V dot3(const V3& a, const V3& b) { return sum3(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y), hn::Mul(a.z, b.z)); }
+HWY_INLINE V dot3(const V3& a, const V3& b) {
+    return sum3(hn::Mul(a.x, b.x), hn::Mul(a.y, b.y), hn::Mul(a.z, b.z));
+}
 template <class Row>
 HWY_INLINE V dot3(const Row& m, const V3& x) {
-    return sum3(hn::Mul(hn::Set(d, m[0]), x.x), hn::Mul(hn::Set(d, m[1]), x.y), hn::Mul(hn::Set(d, m[2]), x.z));
+    return sum3(hn::Mul(hn::Set(d, m[0]), x.x), hn::Mul(hn::Set(d, m[1]), x.y),
+                hn::Mul(hn::Set(d, m[2]), x.z));
 }
 
 HWY_INLINE Mask in_view(const LineView& view, const V3& at) {
     const V depth = view.perspective ? at.z : hn::Set(d, 1.0);
     const Mask z = hn::And(hn::Ge(at.z, hn::Set(d, view.near)), hn::Le(at.z, hn::Set(d, view.far)));
-    const Mask x = hn::And(hn::Ge(at.x, hn::Mul(hn::Set(d, view.x_lo), depth)), hn::Lt(at.x, hn::Mul(hn::Set(d, view.x_hi), depth)));
-    const Mask y = hn::And(hn::Ge(at.y, hn::Mul(hn::Set(d, view.y_lo), depth)), hn::Lt(at.y, hn::Mul(hn::Set(d, view.y_hi), depth)));
+    const Mask x = hn::And(hn::Ge(at.x, hn::Mul(hn::Set(d, view.x_lo), depth)),
+                           hn::Lt(at.x, hn::Mul(hn::Set(d, view.x_hi), depth)));
+    const Mask y = hn::And(hn::Ge(at.y, hn::Mul(hn::Set(d, view.y_lo), depth)),
+                           hn::Lt(at.y, hn::Mul(hn::Set(d, view.y_hi), depth)));
     return hn::And(z, hn::And(x, y));
 }
 HWY_INLINE V depth_cubed(const LineView& view, const V3& at) {
@@ -138,7 +144,8 @@ HWY_INLINE VU pick(const AliasTable& table, const Words& words) {
 }
 
 template <std::size_t blocks>
-void draw_words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count, LineWords& out) {
+void draw_words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count,
+                   LineWords& out) {
     for (std::uint32_t i = 0; i < count; i += static_cast<std::uint32_t>(hn::Lanes(d))) {
         Words bits[blocks];
         philox(keys, hn::Add(hn::Iota(du, first), hn::Set(du, std::uint64_t{i})), bits);
@@ -149,13 +156,15 @@ void draw_words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t 
         hn::Store(blocks > 1 ? pick(*table, bits[blocks - 1]) : hn::Zero(du), du, out.piece + i);
     }
 }
-void words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count, LineWords& out) {
+void words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count,
+              LineWords& out) {
     if (table != nullptr) return draw_words_of<2>(keys, table, first, count, out);
     draw_words_of<1>(keys, table, first, count, out);
 }
 
 /// Appends the lanes of the mask.
-HWY_INLINE void append(PointChunk& out, Mask kept, const V3& view, const V3& normal, const V3& place, VU piece, VU line) {
+HWY_INLINE void append(PointChunk& out, Mask kept, const V3& view, const V3& normal, const V3& place,
+                       VU piece, VU line) {
     const std::size_t n = out.count;
 #if HWY_TARGET == HWY_SCALAR
     const auto packed = [&](V value) { return value; };
@@ -164,7 +173,8 @@ HWY_INLINE void append(PointChunk& out, Mask kept, const V3& view, const V3& nor
     std::uint8_t bits[8];
     (void)hn::StoreMaskBits(d, kept, bits);
     const auto places = hn::LoadU(hn::Rebind<std::uint8_t, D>(), kPacking[bits[0]].data());
-    const auto order = hn::IndicesFromVec(d, hn::PromoteTo(du, hn::PromoteTo(hn::Rebind<std::uint32_t, D>(), places)));
+    const auto order =
+        hn::IndicesFromVec(d, hn::PromoteTo(du, hn::PromoteTo(hn::Rebind<std::uint32_t, D>(), places)));
     const auto packed = [&](V value) { return hn::TableLookupLanes(value, order); };
 #endif
     const auto put = [&](V value, double* to) { hn::StoreU(packed(value), d, to + n); };
@@ -186,12 +196,15 @@ HWY_INLINE void append(PointChunk& out, Mask kept, const V3& view, const V3& nor
 }
 
 /// Places x in view, decides and appends.
-HWY_INLINE void keep(const LineView& view, const V3& x, const V3& g, const V3& reach, V bound, V chance, Mask alive,
-                     VU piece, VU line, PointChunk& out) {
-    const auto place = [&](std::size_t k) { return hn::Add(dot3(view.to_view[k], x), hn::Set(d, view.to_view[k][3])); };
+HWY_INLINE void keep(const LineView& view, const V3& x, const V3& g, const V3& reach, V bound, V chance,
+                     Mask alive, VU piece, VU line, PointChunk& out) {
+    const auto place = [&](std::size_t k) {
+        return hn::Add(dot3(view.to_view[k], x), hn::Set(d, view.to_view[k][3]));
+    };
     const V3 at{place(0), place(1), place(2)};
     alive = hn::And(alive, in_view(view, at));
-    const V sum = sum3(hn::Mul(reach.x, hn::Abs(g.x)), hn::Mul(reach.y, hn::Abs(g.y)), hn::Mul(reach.z, hn::Abs(g.z)));
+    const V sum =
+        sum3(hn::Mul(reach.x, hn::Abs(g.x)), hn::Mul(reach.y, hn::Abs(g.y)), hn::Mul(reach.z, hn::Abs(g.z)));
     const V paid = hn::Mul(chance, hn::Mul(depth_cubed(view, at), sum));
     const V3 normal{dot3(view.normal[0], g), dot3(view.normal[1], g), dot3(view.normal[2], g)};
     if (view.constant_law) {
@@ -214,8 +227,8 @@ HWY_INLINE V3 turned(V a, V b, V c) {
 }
 
 template <int a>
-void boxes_along(const LineView& view, const BoxLines& lines, int label, const LineWords& words, std::uint32_t count,
-                 PointChunk& out) {
+void boxes_along(const LineView& view, const BoxLines& lines, int label, const LineWords& words,
+                 std::uint32_t count, PointChunk& out) {
     constexpr int b = (a + 1) % 3;
     constexpr int c = (a + 2) % 3;
     using Kind = BoxLines::Kind;
@@ -242,7 +255,9 @@ void boxes_along(const LineView& view, const BoxLines& lines, int label, const L
         V rho = zero;
         V beyond = zero;
         if (kind == Kind::plane || kind == Kind::quadric) {
-            const auto term = [&](std::size_t k, V x) { return hn::Mul(hn::Add(hn::Mul(all(lines.square[k]), x), all(lines.linear[k])), x); };
+            const auto term = [&](std::size_t k, V x) {
+                return hn::Mul(hn::Add(hn::Mul(all(lines.square[k]), x), all(lines.linear[k])), x);
+            };
             square = hn::Mul(sum3(term(b, xb), term(c, xc), all(lines.constant)), all(lines.inverse));
         } else if (kind == Kind::torus_along) {
             rho = hn::Sqrt(hn::Add(hn::Mul(xb, xb), hn::Mul(xc, xc)));
@@ -270,7 +285,9 @@ void boxes_along(const LineView& view, const BoxLines& lines, int label, const L
         const V3 x = turned<a>(root, xb, xc);
         V3 g;
         if (kind == Kind::plane || kind == Kind::quadric) {
-            const auto slope = [&](std::size_t k, V at) { return hn::Add(hn::Mul(all(2 * lines.square[k]), at), all(lines.linear[k])); };
+            const auto slope = [&](std::size_t k, V at) {
+                return hn::Add(hn::Mul(all(2 * lines.square[k]), at), all(lines.linear[k]));
+            };
             g = {slope(0, x.x), slope(1, x.y), slope(2, x.z)};
         } else {
             g = {hn::Mul(x.x, beyond), hn::Mul(x.y, beyond), hn::Mul(x.z, rho)};
@@ -280,7 +297,8 @@ void boxes_along(const LineView& view, const BoxLines& lines, int label, const L
 }
 
 template <int a>
-void cells_along(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
+void cells_along(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count,
+                 PointChunk& out) {
     constexpr hn::Rebind<float, D> df;
     constexpr hn::Rebind<std::int32_t, D> di32;
     constexpr int eb = 1 << (a + 1) % 3;
@@ -311,7 +329,8 @@ void cells_along(const LineView& view, const CellBlock& block, const LineWords& 
         const Mask alive = hn::And(hn::FirstN(d, count - i), signs_differ(f0, f1));
         if (hn::AllFalse(d, alive)) continue;
         const V t = hn::Div(f0, hn::Sub(f0, f1));
-        const V m00 = lerp(l00, h00, t), m10 = lerp(l10, h10, t), m01 = lerp(l01, h01, t), m11 = lerp(l11, h11, t);
+        const V m00 = lerp(l00, h00, t), m10 = lerp(l10, h10, t), m01 = lerp(l01, h01, t),
+                m11 = lerp(l11, h11, t);
         const V3 g = turned<a>(hn::Sub(f1, f0), lerp(hn::Sub(m10, m00), hn::Sub(m11, m01), v),
                                lerp(hn::Sub(m01, m00), hn::Sub(m11, m10), u));
         const auto base_at = [&](int k) { return hn::PromoteTo(d, hn::GatherIndex(di32, bases + k, place)); };
@@ -324,26 +343,31 @@ void cells_along(const LineView& view, const CellBlock& block, const LineWords& 
                 const V from = all(eye);
                 return hn::Max(hn::Abs(hn::Sub(at, from)), hn::Abs(hn::Sub(hn::Add(at, all(1.0)), from)));
             };
-            reach = {farthest(base.x, view.eye[0]), farthest(base.y, view.eye[1]), farthest(base.z, view.eye[2])};
+            reach = {farthest(base.x, view.eye[0]), farthest(base.y, view.eye[1]),
+                     farthest(base.z, view.eye[2])};
         }
         const V bound = hn::GatherIndex(d, bounds, hn::ShiftLeft<3>(piece));
-        keep(view, x, g, reach, bound, hn::Load(d, words.chance + i), alive, hn::BitCast(du, piece), line, out);
+        keep(view, x, g, reach, bound, hn::Load(d, words.chance + i), alive, hn::BitCast(du, piece), line,
+             out);
     }
 }
 
-void boxes(const LineView& view, const BoxLines& lines, int label, const LineWords& words, std::uint32_t count, PointChunk& out) {
+void boxes(const LineView& view, const BoxLines& lines, int label, const LineWords& words,
+           std::uint32_t count, PointChunk& out) {
     if (lines.axis == 0) return boxes_along<0>(view, lines, label, words, count, out);
     if (lines.axis == 1) return boxes_along<1>(view, lines, label, words, count, out);
     boxes_along<2>(view, lines, label, words, count, out);
 }
 
-void cells(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
+void cells(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count,
+           PointChunk& out) {
     if (block.axis == 0) return cells_along<0>(view, block, words, count, out);
     if (block.axis == 1) return cells_along<1>(view, block, words, count, out);
     cells_along<2>(view, block, words, count, out);
 }
 
-void flats(const LineView& view, const FlatBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
+void flats(const LineView& view, const FlatBlock& block, const LineWords& words, std::uint32_t count,
+           PointChunk& out) {
     const auto all = [](double value) { return hn::Set(d, value); };
     const V one = all(1.0);
     const auto* bounds = reinterpret_cast<const double*>(block.pieces) + 1;
@@ -406,22 +430,27 @@ HWY_EXPORT(boxes);
 HWY_EXPORT(cells);
 HWY_EXPORT(flats);
 
-void draw_words(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count, LineWords& out) {
+void draw_words(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count,
+                LineWords& out) {
     HWY_DYNAMIC_DISPATCH(words_of)(keys, table, first, count, out);
 }
-void cross_boxes(const LineView& view, const BoxLines& lines, int label, const LineWords& words, std::uint32_t count,
-                 PointChunk& out) {
+void cross_boxes(const LineView& view, const BoxLines& lines, int label, const LineWords& words,
+                 std::uint32_t count, PointChunk& out) {
     out.count = 0;
     HWY_DYNAMIC_DISPATCH(boxes)(view, lines, label, words, count, out);
 }
-void cross_cells(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
+void cross_cells(const LineView& view, const CellBlock& block, const LineWords& words, std::uint32_t count,
+                 PointChunk& out) {
     for (std::uint32_t i = 0; i < count; ++i) hwy::Prefetch(block.cells + words.piece[i]);
     out.count = 0;
     HWY_DYNAMIC_DISPATCH(cells)(view, block, words, count, out);
 }
-void throw_flats(const LineView& view, const FlatBlock& block, const LineWords& words, std::uint32_t count, PointChunk& out) {
-    // Three look-ups, each by what the one before it found: fetch ahead for all lines, then take one after the other.
-    const auto corners = [&](std::uint32_t i) { return block.triangles + std::size_t{3} * block.pieces[words.piece[i]].triangle; };
+void throw_flats(const LineView& view, const FlatBlock& block, const LineWords& words, std::uint32_t count,
+                 PointChunk& out) {
+    // Three look-ups, each by what the one before it found: fetch ahead for all lines at once.
+    const auto corners = [&](std::uint32_t i) {
+        return block.triangles + std::size_t{3} * block.pieces[words.piece[i]].triangle;
+    };
     for (std::uint32_t i = 0; i < count; ++i) hwy::Prefetch(block.pieces + words.piece[i]);
     for (std::uint32_t i = 0; i < count; ++i) hwy::Prefetch(corners(i));
     for (std::uint32_t i = 0; i < count; ++i)

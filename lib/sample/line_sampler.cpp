@@ -30,11 +30,13 @@ constexpr double kBoxRoom = 1e-9;
     const double x2 = x * x;
     // Taylor to x^15 and x^14: below 2^-53 on this interval.
     double s = -1.0 / 1307674368000.0;
-    for (const double c : {1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0})
+    for (const double c :
+         {1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0})
         s = s * x2 + c;
     s *= x;
     double c = -1.0 / 87178291200.0;
-    for (const double k : {1.0 / 479001600.0, -1.0 / 3628800.0, 1.0 / 40320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0})
+    for (const double k :
+         {1.0 / 479001600.0, -1.0 / 3628800.0, 1.0 / 40320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0})
         c = c * x2 + k;
     switch (static_cast<int>(quarter) & 3) {
         case 0: return {c, s};
@@ -201,18 +203,21 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
     if (implicit) {
         if (patches > 0) {
             const Vec3 room(kBoxRoom * length(implicit->bounds.size()));
-            virtual_pixels_ = add_boxes(*implicit, {implicit->bounds.lo - room, implicit->bounds.hi + room}, 0, 0);
+            virtual_pixels_ =
+                add_boxes(*implicit, {implicit->bounds.lo - room, implicit->bounds.hi + room}, 0, 0);
         }
     } else {
         Weights weights;
         for (std::size_t patch = 0; patch < patches; ++patch)
-            virtual_pixels_ += add_pieces(static_cast<std::uint32_t>(patch), geometry.body(patch), 0, weights);
+            virtual_pixels_ +=
+                add_pieces(static_cast<std::uint32_t>(patch), geometry.body(patch), 0, weights);
         flats_ = std::move(weights.patches);
         flat_parts_ = flats_.size();
         flats_.insert(flats_.end(), weights.parts.begin(), weights.parts.end());
         add_blocks(Kind::flat_patches, 0, weights.patch_weights);
         add_blocks(Kind::flat_parts, 0, weights.part_weights);
-        for (int axis = 0; axis < 3; ++axis) add_blocks(Kind::cells, axis, weights.cells[static_cast<std::size_t>(axis)]);
+        for (int axis = 0; axis < 3; ++axis)
+            add_blocks(Kind::cells, axis, weights.cells[static_cast<std::size_t>(axis)]);
         add_blocks(Kind::lines, 0, weights.lines);
     }
     cells_.shrink_to_fit();
@@ -222,8 +227,8 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
 }
 
 /// Virtual pixels of the lines along one axis through a box, for each of their K crossings.
-double LineSampler::edge_weight(const Affine& to_world, const Box& box, int axis, double reach, double least_depth,
-                                double least_area) const {
+double LineSampler::edge_weight(const Affine& to_world, const Box& box, int axis, double reach,
+                                double least_depth, double least_area) const {
     const double across = face_area(box, axis);
     if (object_->surface.opacity_law == OpacityLaw::oblique) {
         const Vec3 cofactor = cross(to_world.linear[(axis + 1) % 3], to_world.linear[(axis + 2) % 3]);
@@ -265,9 +270,11 @@ double LineSampler::add_boxes(const ImplicitPatch& patch, const Box& box, int de
         if (view_.perspective && view_.constant_law)
             for (int k = 0; k < 3; ++k) {
                 const auto i = static_cast<std::size_t>(k);
-                lines[a].reach[i] = std::max(std::abs(box.lo[k] - view_.eye[i]), std::abs(box.hi[k] - view_.eye[i]));
+                lines[a].reach[i] =
+                    std::max(std::abs(box.lo[k] - view_.eye[i]), std::abs(box.hi[k] - view_.eye[i]));
             }
-        weights[a] = lines[a].labels * edge_weight(patch.to_world, box, axis, lines[a].reach[a], nearest, area->least);
+        weights[a] =
+            lines[a].labels * edge_weight(patch.to_world, box, axis, lines[a].reach[a], nearest, area->least);
         whole += weights[a];
     }
     if (!(whole > 0)) return 0;
@@ -278,12 +285,15 @@ double LineSampler::add_boxes(const ImplicitPatch& patch, const Box& box, int de
     const bool may = depth < kMostBoxCuts && whole > kLeastBoxShare * most;
     if (depth < kMostCuts && (must || may)) {
         const std::size_t blocks_before = blocks_.size();
+        const std::size_t boxes_before = box_count_;
         std::array<Box, 8> parts;
         const int part_count = cut(box, parts);
         double sum = 0;
-        for (int i = 0; i < part_count; ++i) sum += add_boxes(patch, parts[static_cast<std::size_t>(i)], depth + 1, most);
+        for (int i = 0; i < part_count; ++i)
+            sum += add_boxes(patch, parts[static_cast<std::size_t>(i)], depth + 1, most);
         if (sum < (must ? 1 : kWorthACut) * whole) return sum;
         blocks_.resize(blocks_before);
+        box_count_ = boxes_before;
     }
     for (std::size_t a = 0; a < 3; ++a)
         if (weights[a] > 0) blocks_.push_back({Kind::box, static_cast<int>(a), 0, weights[a], {}, lines[a]});
@@ -305,7 +315,8 @@ double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth,
         whole = add_cell(patch, body, nearest, area->least, weights);
     } else if (body.flat() && object_->surface.opacity_law == OpacityLaw::constant) {
         // |n·r| is the same all over a plane.
-        const Vec3 normal = cross(body.edge[0], body.edge[1]) * (body.kind == Body::Kind::triangle ? 0.5 : 1.0);
+        const Vec3 normal =
+            cross(body.edge[0], body.edge[1]) * (body.kind == Body::Kind::triangle ? 0.5 : 1.0);
         const double depth_cubed = camera_->perspective() ? nearest * nearest * nearest : 1;
         whole = std::abs(dot(normal, camera_->ray_direction(body.corner))) /
                 (camera_->pixel_size() * camera_->pixel_size() * depth_cubed);
@@ -366,7 +377,8 @@ double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth,
         return whole;
     }
     const auto vertex = static_cast<std::uint32_t>(own_positions_.size());
-    own_positions_.insert(own_positions_.end(), {body.corner, body.corner + body.edge[0], body.corner + body.edge[1]});
+    own_positions_.insert(own_positions_.end(),
+                          {body.corner, body.corner + body.edge[0], body.corner + body.edge[1]});
     own_triangles_.push_back({vertex, vertex + 1, vertex + 2});
     own_patches_.push_back(patch);
     weights.parts.push_back({static_cast<std::uint32_t>(own_triangles_.size() - 1), 0, bound});
@@ -374,7 +386,8 @@ double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth,
     return whole;
 }
 
-double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area, Weights& weights) {
+double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
+                             Weights& weights) {
     const TrilinearCorners cell = object_->geometry->cell(patch);
     cells_.push_back({cell.value, cell.base, patch, edge_bound(least_depth, least_area)});
     const Box unit{Vec3(0.0), Vec3(1.0)};
@@ -382,8 +395,10 @@ double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least
     for (std::size_t a = 0; a < 3; ++a) {
         double reach = view_.reach[a];
         if (view_.perspective && view_.constant_law)
-            reach = std::max(std::abs(cell.base[a] - view_.eye[a]), std::abs(cell.base[a] + 1 - view_.eye[a]));
-        const double weight = edge_weight(to_world_, unit, static_cast<int>(a), reach, least_depth, least_area);
+            reach =
+                std::max(std::abs(cell.base[a] - view_.eye[a]), std::abs(cell.base[a] + 1 - view_.eye[a]));
+        const double weight =
+            edge_weight(to_world_, unit, static_cast<int>(a), reach, least_depth, least_area);
         weights.cells[a].push_back(weight);
         whole += weight;
     }
@@ -420,10 +435,13 @@ FlatBlock LineSampler::flat_block(const Block& block) const {
     return {&own_positions_[0].x, own_triangles_[0].data(), pieces, mesh != nullptr};
 }
 
-CellBlock LineSampler::cell_block(const Block& block) const { return {cells_.data() + block.first, isovalue_, block.axis}; }
+CellBlock LineSampler::cell_block(const Block& block) const {
+    return {cells_.data() + block.first, isovalue_, block.axis};
+}
 
 /// The point that a kernel has kept, unless it is clipped away.
-std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::uint32_t piece, const LinePoint& found) const {
+std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::uint32_t piece,
+                                                      const LinePoint& found) const {
     const Vec3 view = vector(found.view);
     if (block.kind == Kind::cells || block.kind == Kind::box) {
         if (clipped_ && !object_->keeps(to_world_.point(vector(found.place)))) return std::nullopt;
@@ -445,7 +463,8 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
     if (clipped_ || (smooth && flat.part >= 0)) {
         const Vec3 world = position(0) + u * edges[0] + v * edges[1];
         if (clipped_ && !object_->keeps(world)) return std::nullopt;
-        if (smooth && flat.part >= 0) normal = object_->geometry->shading_normal(own_patches_[flat.triangle], world, normal);
+        if (smooth && flat.part >= 0)
+            normal = object_->geometry->shading_normal(own_patches_[flat.triangle], world, normal);
     }
     if (smooth && flat.part < 0) {
         const auto& n = mesh->normals;
@@ -456,7 +475,8 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
 }
 
 std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, const Bits& bits) const {
-    const std::uint32_t piece = table(block) != nullptr ? block.table.pick(bits.second[0], bits.second[1]) : 0;
+    const std::uint32_t piece =
+        table(block) != nullptr ? block.table.pick(bits.second[0], bits.second[1]) : 0;
     LinePoint found;
     bool kept = false;
     switch (block.kind) {
@@ -465,26 +485,30 @@ std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, cons
             kept = throw_flat(flat_view_, flat_block(block), piece, bits.u(), bits.v(), bits.chance(), found);
             break;
         case Kind::cells:
-            kept = cross_cell(view_, cells_[block.first + piece], isovalue_, block.axis, bits.u(), bits.v(), bits.chance(),
-                              found);
+            kept = cross_cell(view_, cells_[block.first + piece], isovalue_, block.axis, bits.u(), bits.v(),
+                              bits.chance(), found);
             break;
         case Kind::box:
-            kept = cross_box(view_, block.box, chosen_label(bits.choice(), block.box.labels), bits.u(), bits.v(),
-                             bits.chance(), found);
+            kept = cross_box(view_, block.box, chosen_label(bits.choice(), block.box.labels), bits.u(),
+                             bits.v(), bits.chance(), found);
             break;
         case Kind::lines: return shoot_and_keep(pieces_[block.first + piece], bits);
     }
     return kept ? finish(block, piece, found) : std::nullopt;
 }
 
-std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const {
-    const auto third = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
+std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat,
+                                                     std::uint64_t index) const {
+    const auto third =
+        random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
     return trial_on(blocks_[block_table_.pick(third[0], third[1])], Bits(seed, object_id_, repeat, index));
 }
 
-std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
+std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block, Seed seed,
+                                                              std::uint32_t repeat,
                                                               std::uint32_t index) const {
-    return trial_on(blocks_[block], Bits(seed, object_id_, repeat, (static_cast<std::uint64_t>(block) << 32U) | index));
+    return trial_on(blocks_[block],
+                    Bits(seed, object_id_, repeat, (static_cast<std::uint64_t>(block) << 32U) | index));
 }
 
 void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const {
@@ -547,7 +571,8 @@ struct Shot {
     const double u = unit_interval(bits[0]);
     const double v = unit_interval(bits[1]);
     // A uniform point on the body's surface, which comes in three pairs of faces…
-    const double areas[3] = {length(cross(body.edge[1], body.edge[2])), length(cross(body.edge[2], body.edge[0])),
+    const double areas[3] = {length(cross(body.edge[1], body.edge[2])),
+                             length(cross(body.edge[2], body.edge[0])),
                              length(cross(body.edge[0], body.edge[1]))};
     double pick = unit_interval(more_bits) * 2 * (areas[0] + areas[1] + areas[2]);
     int face = 0;
@@ -583,8 +608,9 @@ struct Shot {
 
 }  // namespace
 
-std::optional<LineSampler::Point> LineSampler::keep(std::uint32_t patch, const Crossing& hit, const Vec3& world,
-                                                    double least_area, double chance) const {
+std::optional<LineSampler::Point> LineSampler::keep(std::uint32_t patch, const Crossing& hit,
+                                                    const Vec3& world, double least_area,
+                                                    double chance) const {
     const Vec3 view = camera_->to_view(world);
     if (!(view.z >= camera_->near() && view.z <= camera_->far())) return std::nullopt;
     const double area = camera_->pixel_area(view);
@@ -630,7 +656,8 @@ double LineSampler::line_pixels() const {
 int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
                                    std::span<Point, kMaxCrossings> out) const {
     const Bits bits(seed, object_id_, repeat, index);
-    const auto third = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
+    const auto third =
+        random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
     std::array<Vec3, 8> corners;
     const Body body = object_->geometry->body(0);
     const auto area = camera_->pixel_area_range(corners.data(), body.vertices(corners));
@@ -652,8 +679,8 @@ int LineSampler::block_crossings(std::size_t block) const {
     return b.kind == Kind::lines ? object_->geometry->max_crossings() : 1;
 }
 
-void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count, Deal deal,
-                                 std::span<std::vector<Point>, kLineGroup> out) const {
+void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count,
+                                 Deal deal, std::span<std::vector<Point>, kLineGroup> out) const {
     const Block& b = blocks_[block];
     assert(b.kind == Kind::box || b.kind == Kind::lines);
     const int labels = block_crossings(block);
@@ -661,13 +688,16 @@ void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t gro
         for (std::uint32_t i = 0; i < count; ++i) {
             const std::uint64_t index = (static_cast<std::uint64_t>(block) << 32U) | i;
             const Bits bits(seed, object_id_, group, index);
-            const auto third = random_bits(seed, {.object = object_id_, .repeat = group, .index = index, .block = 2});
+            const auto third =
+                random_bits(seed, {.object = object_id_, .repeat = group, .index = index, .block = 2});
             const Piece& piece = pieces_[b.first + b.table.pick(bits.second[0], bits.second[1])];
             Body own;
-            const Shot shot = shoot(*object_->geometry, piece.patch, body_of_piece(piece, own), bits.first, bits.second[2]);
+            const Shot shot =
+                shoot(*object_->geometry, piece.patch, body_of_piece(piece, own), bits.first, bits.second[2]);
             for (int l = 0; l < shot.count; ++l)
-                if (const auto point = keep(piece.patch, shot.hits[static_cast<std::size_t>(l)], shot.at(l), piece.least_area,
-                                            turned_chance(unit_interval(bits.second[3]), l, labels)))
+                if (const auto point =
+                        keep(piece.patch, shot.hits[static_cast<std::size_t>(l)], shot.at(l),
+                             piece.least_area, turned_chance(unit_interval(bits.second[3]), l, labels)))
                     out[dealt(third[0], l, deal)].push_back(*point);
         }
         return;
@@ -695,7 +725,8 @@ void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t gro
 std::size_t LineSampler::bytes() const {
     std::size_t sum = pieces_.capacity() * sizeof(Piece) + parts_.capacity() * sizeof(Body) +
                       cells_.capacity() * sizeof(CellRecord) + flats_.capacity() * sizeof(FlatPiece) +
-                      own_positions_.capacity() * sizeof(Vec3) + own_triangles_.capacity() * sizeof(own_triangles_[0]) +
+                      own_positions_.capacity() * sizeof(Vec3) +
+                      own_triangles_.capacity() * sizeof(own_triangles_[0]) +
                       own_patches_.capacity() * sizeof(std::uint32_t) + blocks_.capacity() * sizeof(Block) +
                       block_table_.bytes();
     for (const Block& block : blocks_) sum += block.table.bytes();

@@ -4,22 +4,22 @@
 // the line may have and keeps it if it is there: never two of one line, so particles are independent.
 // Whatever the surface and its opacity law, every trial lands on an area element dA with probability
 //     w dA / (s(x)·V),      w = 1 (oblique law) or |cosθ| (constant law),
-// s(x) the area one pixel sees at x, by thinning of what the lines give. No area needs to be known: PBSR (1) holds
-// with trials for particles and V for S/s, pixels on the surface:
+// s(x) the area one pixel sees at x, by thinning of what the lines give. No area needs to be known: PBSR (1)
+// holds with trials for particles and V for S/s, pixels on the surface:
 //     α = 1 − (1 − 1/V)^trials.
 // The fewer pixels V, the fewer trials:
-//   catalogue surfaces   lines along the edges of boxes that hold the surface     K = 1, 2 or 4   edge_lines.hpp
-//   trilinear cells      lines along the edges of the cell                        K = 1
-//   flat bodies          uniform points                                           K = 1
-//   anything else        uniform random lines through the piece's body            K = max_crossings;
+//   catalogue surfaces   lines along the edges of boxes that hold it     K = 1, 2 or 4   edge_lines.hpp
+//   trilinear cells      lines along the edges of the cell               K = 1
+//   flat bodies          uniform points                                  K = 1
+//   anything else        uniform random lines through the piece's body   K = max_crossings;
 //                        then V = K · Crofton's area / least s, and w is paid in trials
 //
-// *Fast mode* (`lines_in_block`) keeps all crossings of a line and deals them to different repeats of a group of
-// kLineGroup: crossing l to repeat start + l·step mod 16, start uniform, step odd. With Poisson(16·τ·V/K) lines a
-// group every repeat is the process of exact mode: (1) a line gives a repeat at most one point, so the points of one
-// repeat are a thinned and mapped Poisson process of lines, which is Poisson (marking theorem); (2) every crossing
-// comes to a repeat with chance 1/16, so its intensity is 16·τ·(V/K)·(K/V)·w dA/s / 16 = τ w dA/s. Repeats of
-// one group depend on each other, and only by where the crossings of one line lie.
+// *Fast mode* (`lines_in_block`) keeps all crossings of a line and deals them to different repeats of a group
+// of kLineGroup: crossing l to repeat start + l·step mod 16, start uniform, step odd. With Poisson(16·τ·V/K)
+// lines a group every repeat is the process of exact mode: (1) a line gives a repeat at most one point, so the
+// points of one repeat are a thinned and mapped Poisson process of lines, which is Poisson (marking theorem);
+// (2) every crossing comes to a repeat with chance 1/16, so its intensity is 16·τ·(V/K)·(K/V)·w dA/s / 16 =
+// τ w dA/s. Repeats of one group depend on each other, and only by where the crossings of one line lie.
 #pragma once
 
 #include <cstdint>
@@ -43,13 +43,15 @@ inline constexpr std::uint32_t kLineGroup = 16;
 class LineSampler {
 public:
     /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
-    /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random numbers.
-    /// The object must outlive the sampler.
+    /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random
+    /// numbers. The object must outlive the sampler.
     LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id);
 
     /// V above; 0 where nothing can be seen.
     [[nodiscard]] double virtual_pixels() const { return virtual_pixels_; }
-    [[nodiscard]] std::size_t piece_count() const { return flats_.size() + cells_.size() + box_count_ + pieces_.size(); }
+    [[nodiscard]] std::size_t piece_count() const {
+        return flats_.size() + cells_.size() + box_count_ + pieces_.size();
+    }
     [[nodiscard]] std::size_t bytes() const;
     [[nodiscard]] const Object& object() const { return *object_; }
     [[nodiscard]] std::uint32_t object_id() const { return object_id_; }
@@ -70,13 +72,15 @@ public:
     /// Pieces come in blocks of neighbours, which fit into a near cache together: trials taken block by
     /// block (a Poisson number in each) are many times as fast as trials all over the surface.
     [[nodiscard]] std::size_t block_count() const { return blocks_.size(); }
-    [[nodiscard]] double block_virtual_pixels(std::size_t block) const { return blocks_[block].virtual_pixels; }
+    [[nodiscard]] double block_virtual_pixels(std::size_t block) const {
+        return blocks_[block].virtual_pixels;
+    }
     [[nodiscard]] std::optional<Point> trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
                                                       std::uint32_t index) const;
     /// Appends the points of trials first … first + count − 1 of `trial_in_block`, in their order and equal to
     /// the last bit: SIMD.
-    void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
-                         std::vector<Point>& out) const;
+    void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
+                         std::uint32_t count, std::vector<Point>& out) const;
 
     /// Fast mode: K of the block's lines. Where it is 1 there is nothing to deal, and fast is exact mode.
     [[nodiscard]] int block_crossings(std::size_t block) const;
@@ -89,14 +93,14 @@ private:
     /// A piece for uniform random lines.
     struct Piece {
         std::uint32_t patch;
-        std::int32_t part;      // index into parts_, or −1: the patch's own body
-        double least_area;      // least s
+        std::int32_t part;  // index into parts_, or −1: the patch's own body
+        double least_area;  // least s
     };
     enum class Kind : std::uint8_t { flat_patches, flat_parts, cells, box, lines };
     struct Block {
         Kind kind;
         int axis;
-        std::size_t first;      // of its pieces
+        std::size_t first;  // of its pieces
         double virtual_pixels;
         AliasTable table;
         BoxLines box;
@@ -105,12 +109,13 @@ private:
     /// The random numbers of a trial: two blocks of the counter.
     struct Bits;
 
-    [[nodiscard]] double edge_weight(const Affine& to_world, const Box& box, int axis, double reach, double least_depth,
-                                     double least_area) const;
+    [[nodiscard]] double edge_weight(const Affine& to_world, const Box& box, int axis, double reach,
+                                     double least_depth, double least_area) const;
     [[nodiscard]] double edge_bound(double least_depth, double least_area) const;
     double add_boxes(const ImplicitPatch& patch, const Box& box, int depth, double most);
     double add_pieces(std::uint32_t patch, const Body& body, int depth, Weights& weights);
-    double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area, Weights& weights);
+    double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
+                    Weights& weights);
     void add_blocks(Kind kind, int axis, std::span<const double> weights);
 
     [[nodiscard]] FlatBlock flat_block(const Block& block) const;
@@ -118,29 +123,30 @@ private:
     [[nodiscard]] const AliasTable* table(const Block& block) const {
         return block.kind == Kind::box ? nullptr : &block.table;
     }
-    [[nodiscard]] std::optional<Point> finish(const Block& block, std::uint32_t piece, const LinePoint& found) const;
+    [[nodiscard]] std::optional<Point> finish(const Block& block, std::uint32_t piece,
+                                              const LinePoint& found) const;
     [[nodiscard]] std::optional<Point> trial_on(const Block& block, const Bits& bits) const;
     const Body& body_of_piece(const Piece& piece, Body& own) const;
     [[nodiscard]] std::optional<Point> shoot_and_keep(const Piece& piece, const Bits& bits) const;
-    [[nodiscard]] std::optional<Point> keep(std::uint32_t patch, const Crossing& hit, const Vec3& world, double least_area,
-                                            double chance) const;
+    [[nodiscard]] std::optional<Point> keep(std::uint32_t patch, const Crossing& hit, const Vec3& world,
+                                            double least_area, double chance) const;
     void finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const;
 
     const Object* object_;
     const Camera* camera_;
     std::uint32_t object_id_;
     double virtual_pixels_ = 0;
-    bool clipped_ = false;               // points must be asked for Object::keeps
-    Affine to_world_;                    // from the space in which edges are axes
+    bool clipped_ = false;  // points must be asked for Object::keeps
+    Affine to_world_;       // from the space in which edges are axes
     double isovalue_ = 0;
     LineView view_;
-    LineView flat_view_;                 // of world space
+    LineView flat_view_;  // of world space
     std::vector<Piece> pieces_;
     std::vector<Body> parts_;
     std::vector<CellRecord> cells_;
     std::vector<FlatPiece> flats_;
-    std::size_t flat_parts_ = 0;         // the first of flats_ that is a part, once all are there
-    std::vector<Vec3> own_positions_;    // of flat bodies that are no whole triangle of a mesh
+    std::size_t flat_parts_ = 0;       // the first of flats_ that is a part, once all are there
+    std::vector<Vec3> own_positions_;  // of flat bodies that are no whole triangle of a mesh
     std::vector<std::array<std::uint32_t, 3>> own_triangles_;
     std::vector<std::uint32_t> own_patches_;
     std::size_t box_count_ = 0;

@@ -1,5 +1,5 @@
-// Plain loops that the compiler vectorises, once for every instruction set: the twin header stays the only place that
-// knows how a normal is packed.
+// Plain loops, compiled once for every instruction set: the twin header stays the only place that knows how
+// a normal is packed.
 #include "sample/pack_points.hpp"
 
 #include <algorithm>
@@ -30,7 +30,8 @@ void pack(const ParticleFrame& frame, const LineSampler::Point* points, Particle
         const double nx = n.x, ny = n.y, nz = n.z;
         const double xy = std::max(std::abs(nx), std::abs(ny));
         const double largest = std::max(xy, std::abs(nz));
-        const double scale = std::bit_cast<double>((std::uint64_t{2045} - (std::bit_cast<std::uint64_t>(largest) >> 52U)) << 52U);
+        const double scale = std::bit_cast<double>(
+            (std::uint64_t{2045} - (std::bit_cast<std::uint64_t>(largest) >> 52U)) << 52U);
         x[i] = static_cast<float>(scale * nx);
         y[i] = static_cast<float>(scale * ny);
         z[i] = static_cast<float>(scale * nz);
@@ -53,10 +54,12 @@ namespace pellucid {
 
 HWY_EXPORT(pack);
 
-void pack_points(const ParticleFrame& frame, std::span<const LineSampler::Point> points, std::span<Particle> out) {
+void pack_points(const ParticleFrame& frame, std::span<const LineSampler::Point> points,
+                 std::span<Particle> out) {
     constexpr std::size_t kAtOnce = 64;
     for (std::size_t done = 0; done < points.size(); done += kAtOnce)
-        HWY_DYNAMIC_DISPATCH(pack)(frame, points.data() + done, out.data() + done, std::min(kAtOnce, points.size() - done));
+        HWY_DYNAMIC_DISPATCH(pack)
+        (frame, points.data() + done, out.data() + done, std::min(kAtOnce, points.size() - done));
 }
 
 }  // namespace pellucid

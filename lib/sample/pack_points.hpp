@@ -8,6 +8,7 @@
 namespace pellucid {
 
 /// `out` has the size of `points`.
-void pack_points(const ParticleFrame& frame, std::span<const LineSampler::Point> points, std::span<Particle> out);
+void pack_points(const ParticleFrame& frame, std::span<const LineSampler::Point> points,
+                 std::span<Particle> out);
 
 }  // namespace pellucid

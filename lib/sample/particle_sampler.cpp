@@ -148,8 +148,8 @@ double mean_trials(const LineSampler& sampler, TrialLaw law) {
 namespace {
 
 /// The lines of one block that a group of repeats shares; repeats that are not built are dropped.
-void add_dealt_lines(const LineSampler& sampler, std::size_t block, const SamplerSettings& settings, std::uint32_t group,
-                     RandomStream& counts, std::span<RepeatBuilder> builders, std::uint32_t first_built) {
+void add_dealt_lines(const LineSampler& sampler, std::size_t block, const SamplerSettings& settings,
+                     std::uint32_t group, RandomStream& counts, std::span<RepeatBuilder> builders, std::uint32_t first_built) {
     const double mean = kLineGroup * block_mean(sampler, block) / sampler.block_crossings(block);
     std::array<std::vector<LineSampler::Point>, kLineGroup> dealt;
     sampler.lines_in_block(block, settings.seed, group, poisson_number(mean, counts),
@@ -165,9 +165,9 @@ void build_repeats(std::span<const LineSampler> samplers, const SamplerSettings&
     const std::uint32_t group = first / kLineGroup;
     for (const LineSampler& sampler : samplers) {
         for (RepeatBuilder& builder : builders) builder.begin(sampler);
-        RandomStream group_counts(settings.seed, {.object = static_cast<std::uint32_t>(Purpose::particle_count),
-                                                  .repeat = group,
-                                                  .index = (static_cast<std::uint64_t>(sampler.object_id()) << 24U) | 1U << 23U});
+        const std::uint64_t index = (static_cast<std::uint64_t>(sampler.object_id()) << 24U) | 1U << 23U;
+        const auto purpose = static_cast<std::uint32_t>(Purpose::particle_count);
+        RandomStream group_counts(settings.seed, {.object = purpose, .repeat = group, .index = index});
         if (blockwise) {
             for (std::size_t block = 0; block < sampler.block_count(); ++block) {
                 if (settings.lines == LineMode::fast && sampler.block_crossings(block) > 1) {
@@ -186,7 +186,8 @@ void build_repeats(std::span<const LineSampler> samplers, const SamplerSettings&
 
 /// How many repeats are built together in exact mode: as many as leave work for all threads and do not
 /// hold more than some 256 MiB, if every trial gave a particle.
-[[nodiscard]] std::uint32_t exact_run(std::span<const LineSampler> samplers, const SamplerSettings& settings, std::uint32_t count) {
+[[nodiscard]] std::uint32_t exact_run(std::span<const LineSampler> samplers, const SamplerSettings& settings,
+                                      std::uint32_t count) {
     if (settings.exact_count || settings.keep_all_crossings) return 1;
     double trials = 0;
     for (const LineSampler& sampler : samplers) trials += mean_trials(sampler, settings.trials);

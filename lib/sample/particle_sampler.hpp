@@ -47,7 +47,8 @@ struct SamplerSettings {
 
 /// Samples repeats first, …, first + count − 1. A repeat depends on seed and its own number only, so
 /// any split into calls, threads or machines gives the same particles.
-/// Throws Error(input) where fast mode is asked for without the Poisson law; Error(run) where exact_count cannot be met because nothing of the object is in view.
+/// Throws Error(input) where fast mode is asked for without the Poisson law; Error(run) where exact_count
+/// cannot be met because nothing of the object is in view.
 [[nodiscard]] ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
                                            const SamplerSettings& settings, std::uint32_t first, std::uint32_t count);
 

@@ -58,7 +58,9 @@ public:
         return found;
     }
 
-    [[nodiscard]] std::optional<ImplicitPatch> implicit() const override { return ImplicitPatch{&field_, bounds_, to_world_}; }
+    [[nodiscard]] std::optional<ImplicitPatch> implicit() const override {
+        return ImplicitPatch{&field_, bounds_, to_world_};
+    }
 
     [[nodiscard]] bool excludes(std::size_t, const Body& part) const override {
         std::array<Vec3, 8> corners;

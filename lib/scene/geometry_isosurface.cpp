@@ -98,7 +98,9 @@ public:
         return found;
     }
 
-    [[nodiscard]] std::optional<TrilinearPatches> trilinear() const override { return TrilinearPatches{isovalue_, to_world_}; }
+    [[nodiscard]] std::optional<TrilinearPatches> trilinear() const override {
+        return TrilinearPatches{isovalue_, to_world_};
+    }
     [[nodiscard]] TrilinearCorners cell(std::size_t patch) const override {
         const glm::ivec3 first = origin(patch);
         TrilinearCorners cell{{first.x, first.y, first.z}, {}};
