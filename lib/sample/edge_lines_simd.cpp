@@ -66,19 +66,34 @@ struct Words {  // 32 bits a lane
     VU w[4];
 };
 
+/// The seed as every round of Philox takes it.
+struct RoundKeys {
+    std::uint64_t key[2][10];
+
+    explicit RoundKeys(std::uint64_t seed) {
+        auto k0 = static_cast<std::uint32_t>(seed);
+        auto k1 = static_cast<std::uint32_t>(seed >> 32U);
+        for (std::size_t round = 0; round < 10; ++round) {
+            key[0][round] = k0;
+            key[1][round] = k1;
+            k0 += 0x9E3779B9U;
+            k1 += 0xBB67AE85U;
+        }
+    }
+};
+
 /// Philox4x32-10 for counters (index, high, repeat, object) in lanes of 64 bits.
 template <std::size_t blocks>
-HWY_INLINE void philox(const LineKeys& keys, VU index, Words (&out)[blocks]) {
+HWY_INLINE void philox(const LineKeys& keys, const RoundKeys& rounds, VU index, Words (&out)[blocks]) {
     const VU m0 = hn::Set(du, 0xD2511F53U);
     const VU m1 = hn::Set(du, 0xCD9E8D57U);
     for (std::size_t i = 0; i < blocks; ++i)
         out[i] = {{index, hn::Set(du, keys.block | (i << 24U)), hn::Set(du, std::uint64_t{keys.repeat}),
                    hn::Set(du, std::uint64_t{keys.object})}};
-    auto k0 = static_cast<std::uint32_t>(keys.seed);
-    auto k1 = static_cast<std::uint32_t>(keys.seed >> 32U);
-    for (int round = 0; round < 10; ++round) {
-        const VU key0 = hn::Set(du, std::uint64_t{k0});
-        const VU key1 = hn::Set(du, std::uint64_t{k1});
+#pragma GCC unroll 10
+    for (std::size_t round = 0; round < 10; ++round) {
+        const VU key0 = hn::Set(du, rounds.key[0][round]);
+        const VU key1 = hn::Set(du, rounds.key[1][round]);
         for (Words& c : out) {
             const VU p0 = multiply_low_halves(c.w[0], m0);
             const VU p1 = multiply_low_halves(c.w[2], m1);
@@ -87,8 +102,6 @@ HWY_INLINE void philox(const LineKeys& keys, VU index, Words (&out)[blocks]) {
             c.w[2] = hn::Xor(hn::Xor(hn::ShiftRight<32>(p0), c.w[3]), key1);
             c.w[3] = p0;
         }
-        k0 += 0x9E3779B9U;
-        k1 += 0xBB67AE85U;
     }
     const VU low = hn::Set(du, 0xffffffffU);
     for (Words& c : out)
@@ -146,9 +159,10 @@ HWY_INLINE VU pick(const AliasTable& table, const Words& words) {
 template <std::size_t blocks>
 void draw_words_of(const LineKeys& keys, const AliasTable* table, std::uint32_t first, std::uint32_t count,
                    LineWords& out) {
+    const RoundKeys rounds(keys.seed);
     for (std::uint32_t i = 0; i < count; i += static_cast<std::uint32_t>(hn::Lanes(d))) {
         Words bits[blocks];
-        philox(keys, hn::Add(hn::Iota(du, first), hn::Set(du, std::uint64_t{i})), bits);
+        philox(keys, rounds, hn::Add(hn::Iota(du, first), hn::Set(du, std::uint64_t{i})), bits);
         hn::Store(unit(bits[0].w[0]), d, out.u + i);
         hn::Store(unit(bits[0].w[1]), d, out.v + i);
         hn::Store(bits[0].w[2], du, out.choice + i);
