@@ -5,6 +5,8 @@
 #include <set>
 
 #include "core/error.hpp"
+#include "kernel/normal_twin.h"
+#include "sample/pack_points.hpp"
 #include "sample/particle_sampler.hpp"
 #include "scene_testing.hpp"
 
@@ -125,7 +127,7 @@ TEST(LineSampler, DensityIsOneOverVForEverySurfaceLawAndProjection) {
                 double statistic = 0;
                 int bins = 0;
                 for (int pixel = 0; pixel < 100; ++pixel) {
-                    constexpr int kSide = 32;
+                    constexpr int kSide = 64;  // the weights 1/|cosθ| have heavy tails
                     MeanVariance crossings;
                     for (int sub = 0; sub < kSide * kSide; ++sub) {
                         const Ray ray = camera.ray(pixel % 10 + (sub % kSide + unit(random)) / kSide, pixel / 10 + (sub / kSide + unit(random)) / kSide);
@@ -150,6 +152,106 @@ TEST(LineSampler, DensityIsOneOverVForEverySurfaceLawAndProjection) {
                 EXPECT_GT(p, sidak_level(0.001, 40)) << shape << (perspective ? " perspective" : " orthographic") << (oblique ? " oblique" : " constant");
             }
     EXPECT_EQ(tests, 40);
+}
+
+// Closed forms of the sampler against the root finder that rays use: the same surface.
+TEST(LineSampler, PointsLieWhereRaysMeetTheSurface) {
+    for (const char* shape : {"sphere", "ellipsoid", "torus", "plane", "cylinder", "cone", "paraboloid", "saddle", "hyperboloid",
+                              "hyperboloid_two_sheets"})
+        for (const char* place : {"", "rotate_degrees = [20, 30, 40]\nscale = [1.5, 0.3, 0.8]\ntranslate = [0.5, -0.2, 0.1]\n"}) {
+            const PreparedScene scene = prepare(scene_from(kAll + "implicit = \"" + shape + "\"\n" + place));
+            const SurfaceGeometry& geometry = *scene.objects[0].geometry;
+            const LineSampler sampler(scene.objects[0], scene.camera, 0);
+            int met = 0;
+            int asked = 0;
+            double worst = 0;
+            for (std::uint64_t i = 0; i < 20000; ++i) {
+                const auto p = sampler.trial({1}, 0, i);
+                if (!p) continue;
+                ++asked;
+                const Vec3 normal = normalize(scene.camera.world_vector(p->view_normal));
+                std::array<Crossing, kMaxCrossings> hits;
+                const int found = geometry.crossings(0, {scene.camera.to_world(p->view), normal, -0.1, 0.1}, hits);
+                for (int k = 0; k < found; ++k) {
+                    const Crossing& hit = hits[static_cast<std::size_t>(k)];
+                    if (std::abs(hit.t) > 1e-9) continue;
+                    ++met;
+                    worst = std::max(worst, std::abs(hit.t));
+                    EXPECT_GT(std::abs(dot(normalize(hit.normal), normal)), 1 - 1e-9);
+                    break;
+                }
+            }
+            EXPECT_GT(asked, 1000) << shape;
+            EXPECT_EQ(met, asked) << shape << place;
+            EXPECT_LT(worst, 2e-13) << shape << place;
+        }
+}
+
+/// Hides what a geometry knows of itself: bodies and crossings are all that is left.
+class Anonymous final : public SurfaceGeometry {
+public:
+    explicit Anonymous(std::unique_ptr<SurfaceGeometry> known) : known_(std::move(known)) {}
+    [[nodiscard]] std::size_t patch_count() const override { return known_->patch_count(); }
+    [[nodiscard]] Body body(std::size_t patch) const override { return known_->body(patch); }
+    [[nodiscard]] int max_crossings() const override { return known_->max_crossings(); }
+    int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const override {
+        return known_->crossings(patch, line, out);
+    }
+    [[nodiscard]] Box bounds() const override { return known_->bounds(); }
+    [[nodiscard]] std::size_t bytes() const override { return known_->bytes(); }
+
+private:
+    std::unique_ptr<SurfaceGeometry> known_;
+};
+
+TEST(LineSampler, AnyOtherGeometryIsServedByUniformLines) {
+    for (const auto& [shape, area] : std::vector<std::pair<std::string, double>>{{"sphere", 4 * M_PI}, {"torus", 4 * M_PI * M_PI * 0.4}}) {
+        PreparedScene scene = prepare(scene_from(kAll + "implicit = \"" + shape + "\"\nopacity = 0.05\n"));
+        const double pixel_area = scene.camera.pixel_area(Vec3(0, 0, 1));
+        for (const bool known : {true, false}) {
+            if (!known) scene.objects[0].geometry = std::make_unique<Anonymous>(std::move(scene.objects[0].geometry));
+            const LineSampler sampler(scene.objects[0], scene.camera, 0);
+            constexpr std::uint64_t kTrials = 300000;
+            const auto found = points(scene, kTrials);
+            // Lands on the surface with probability area/(s V).
+            const double share = area / (pixel_area * sampler.virtual_pixels());
+            EXPECT_NEAR(static_cast<double>(found.size()) / kTrials, share, 4 * std::sqrt(share * (1 - share) / kTrials)) << shape << known;
+            expect_uniform(found, 8, [](const Vec3& p) { return static_cast<std::size_t>((p.x > 0) + 2 * (p.y > 0) + 4 * (p.z > 0)); });
+            // Fast mode draws as many, from shared lines.
+            const std::vector<LineSampler> samplers(1, sampler);
+            const ParticleSet exact = sample_particles(scene, samplers, {.seed = {1}}, 0, 160);
+            const ParticleSet fast = sample_particles(scene, samplers, {.seed = {2}, .lines = LineMode::fast}, 0, 160);
+            const auto n = static_cast<double>(exact.count());
+            EXPECT_GT(n, 1000);
+            EXPECT_NEAR(static_cast<double>(fast.count()), n, 4 * std::sqrt((1 + 4) * n)) << shape << known;
+        }
+    }
+}
+
+TEST(PackPoints, EqualsPackingOneByOne) {
+    std::mt19937_64 random(1);
+    std::normal_distribution<double> normal;
+    for (const char* camera : {"camera.position = [0, 0, 4]\n", "camera.position = [0, 0, 4e9]\ncamera.far = 8e9\n"}) {
+        const PreparedScene scene = prepare(scene_from(std::string("image.resolution = [64, 64]\n") + camera + "[[surface]]\nimplicit = \"sphere\"\n"));
+        const ParticleFrame frame(scene.camera);
+        std::vector<LineSampler::Point> points;
+        for (int i = 0; i < 1000; ++i) {
+            const double scale = std::exp(20 * normal(random));
+            const auto some = [&] { return i % 7 == 0 ? 0.0 : normal(random); };
+            points.push_back({{normal(random), normal(random), 4 + normal(random)}, {scale * some(), scale * some(), scale * normal(random)}});
+        }
+        std::vector<Particle> packed(points.size());
+        pack_points(frame, points, packed);
+        for (std::size_t i = 0; i < points.size(); ++i) {
+            const Particle one = frame.pack(points[i].view, points[i].view_normal);
+            ASSERT_EQ(0, std::memcmp(&one, &packed[i], sizeof one)) << i;
+            // And both are the point: shrunk to float, its normal to 6.5e-5.
+            ASSERT_LT(length(frame.view_position(one) - Vec3(points[i].view.x, points[i].view.y, std::max(points[i].view.z, frame.near))),
+                      2e-7 * std::ldexp(1.0, frame.exponent));
+            const twin::Vec3f n = twin::unpack_normal(one.normal);
+            ASSERT_LT(length(Vec3(n.x, n.y, n.z) - normalize(points[i].view_normal)), 7e-5);
+        }
+    }
 }
 
 TEST(LineSampler, TrialIsAFunctionOfItsKeyAlone) {

@@ -40,6 +40,14 @@ public:
     [[nodiscard]] const Box& bounds() const { return bounds_; }
     /// Whether f = 0 itself is bounded, and not only its box.
     [[nodiscard]] bool bounded() const { return torus_ || (square_.x > 0 && square_.y > 0 && square_.z > 0); }
+    [[nodiscard]] bool torus() const { return torus_; }
+    /// Quadric: q, l and c of the equation above.
+    [[nodiscard]] const Vec3& square() const { return square_; }
+    [[nodiscard]] const Vec3& linear() const { return linear_; }
+    [[nodiscard]] double constant() const { return constant_; }
+    /// Torus: radius of the ring and of the tube.
+    [[nodiscard]] double major() const { return major_; }
+    [[nodiscard]] double minor() const { return minor_; }
     /// Most crossings of one line: 1, 2 or 4.
     [[nodiscard]] int max_crossings() const;
     [[nodiscard]] double value(const Vec3& x) const;

@@ -28,6 +28,9 @@ namespace {
     (void)input.settings.one_of("sampler", "lines", {"lines"});
     s.sampler.trials = input.settings.choice<TrialLaw>("count", TrialLaw::poisson,
                                                       {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
+    s.sampler.lines = input.settings.choice<LineMode>("lines", LineMode::exact, {{"exact", LineMode::exact}, {"fast", LineMode::fast}});
+    if (s.sampler.lines == LineMode::fast && s.sampler.trials != TrialLaw::poisson)
+        throw input_error("particles.lines = \"fast\": expected \"exact\" where particles.count = \"binomial\"");
     s.memory_mib = input.settings.integer("memory_mib", s.memory_mib, {.lo = 1, .hi = 1 << 20});
     s.sampler.seed = input.seed;
     s.max_error = input.max_error;
@@ -167,7 +170,8 @@ Method particles_method() {
         "opaque particles, ensemble mean (PBSR): implicit, mesh, rectangle, trilinear isosurface; no volumes",
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
-            {"particles.sampler", "\"lines\"", "random lines, one crossing of a line at most (exact mode)"},
+            {"particles.sampler", "\"lines\"", "random lines"},
+            {"particles.lines", "\"exact\"", "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different repeats"},
             {"particles.count", "\"poisson\"", "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
             {"particles.memory_mib", "1024", "particles held at a time"},
         },

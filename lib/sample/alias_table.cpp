@@ -1,18 +1,22 @@
 #include "sample/alias_table.hpp"
 
 #include <algorithm>
+#include <bit>
 
 namespace pellucid {
 
-AliasTable::AliasTable(std::span<const double> weights) : columns_(weights.size(), Column{1, 0}) {
-    const std::size_t n = weights.size();
+AliasTable::AliasTable(std::span<const double> weights)
+    : columns_(std::bit_ceil(weights.size()), Column{0xffffffffU, 0}),
+      shift_(32 - std::countr_zero(columns_.size())) {
+    // Up to the next power of two columns stand for nothing, so that bits choose one without rounding.
+    const std::size_t n = columns_.size();
     double sum = 0;
     for (const double w : weights) sum += w;
-    std::vector<double> scaled(n);
+    std::vector<double> scaled(n, 0);
     std::vector<std::uint32_t> small;
     std::vector<std::uint32_t> large;
     for (std::size_t i = 0; i < n; ++i) {
-        scaled[i] = weights[i] * static_cast<double>(n) / sum;
+        if (i < weights.size()) scaled[i] = weights[i] * static_cast<double>(n) / sum;
         columns_[i].other = static_cast<std::uint32_t>(i);
         (scaled[i] < 1 ? small : large).push_back(static_cast<std::uint32_t>(i));
     }
@@ -21,22 +25,13 @@ AliasTable::AliasTable(std::span<const double> weights) : columns_(weights.size(
         const std::uint32_t s = small.back();
         const std::uint32_t l = large.back();
         small.pop_back();
-        columns_[s] = {scaled[s], l};
+        columns_[s] = {static_cast<std::uint32_t>(std::min(scaled[s] * 0x1p32 + 0.5, 0x1p32 - 1)), l};
         scaled[l] -= 1 - scaled[s];
         if (scaled[l] < 1) {
             large.pop_back();
             small.push_back(l);
         }
     }
-}
-
-AliasTable::Pick AliasTable::pick(double u) const {
-    const double place = u * static_cast<double>(columns_.size());
-    const auto index = std::min(static_cast<std::size_t>(place), columns_.size() - 1);
-    const double side = place - static_cast<double>(index);
-    const Column& column = columns_[index];
-    if (side < column.share) return {static_cast<std::uint32_t>(index), side / column.share};
-    return {column.other, (side - column.share) / (1 - column.share)};
 }
 
 }  // namespace pellucid

@@ -9,24 +9,29 @@ namespace pellucid {
 
 class AliasTable {
 public:
+    /// One of 2^k columns: the first part of it is its own, the rest is `other`.
+    struct Column {
+        std::uint32_t own;  // in 2^-32 of the column
+        std::uint32_t other;
+    };
+
     AliasTable() = default;
-    /// weights >= 0, not all 0; at most 2^32 of them.
+    /// weights >= 0, not all 0; at most 2^31 of them.
     explicit AliasTable(std::span<const double> weights);
 
-    struct Pick {
-        std::uint32_t index;
-        double rest;  // what is left of the random number, in [0, 1): may choose something else
-    };
-    /// u in [0, 1). Precondition: not empty.
-    [[nodiscard]] Pick pick(double u) const;
+    /// From 64 random bits: the top bits of `column` choose one, `side` its part. Precondition: not empty.
+    [[nodiscard]] std::uint32_t pick(std::uint32_t column, std::uint32_t side) const {
+        const auto index = static_cast<std::uint32_t>(std::uint64_t{column} >> shift_);
+        return side < columns_[index].own ? index : columns_[index].other;
+    }
+    [[nodiscard]] std::span<const Column> columns() const { return columns_; }
+    /// How far the column's word is shifted, 1 … 32.
+    [[nodiscard]] int shift() const { return shift_; }
     [[nodiscard]] std::size_t bytes() const { return columns_.capacity() * sizeof(Column); }
 
 private:
-    struct Column {
-        double share;  // of the column that is its own; the rest is `other`
-        std::uint32_t other;
-    };
     std::vector<Column> columns_;
+    int shift_ = 32;
 };
 
 }  // namespace pellucid

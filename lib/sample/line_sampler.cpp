@@ -13,8 +13,15 @@ constexpr double kMostAreaRatio = 4;
 /// A piece that reaches out of view is cut while it spans more virtual pixels than this.
 constexpr double kMostPixelsOutside = 1024;
 constexpr int kMostCuts = 40;
-/// Pieces a block: with their table and eight voxels each they fit into a level-2 cache.
+/// Pieces a block: with their tables they fit into a level-2 cache.
 constexpr std::size_t kBlockPieces = 4096;
+/// Boxes around a catalogue surface are cut while this saves trials, but not into blocks so small
+/// that their Poisson numbers cost more than their lines.
+constexpr int kMostBoxCuts = 3;
+constexpr double kLeastBoxShare = 1.0 / 64;
+constexpr double kWorthACut = 0.85;
+/// Of the diagonal: a surface may lie in a face of its bounds (a plane, thin as its box).
+constexpr double kBoxRoom = 1e-9;
 
 /// (cos, sin) of 2πu by + − × only: std::sin may differ between instruction sets in the last bit.
 [[nodiscard]] Vec2 unit_circle(double u) {
@@ -23,11 +30,13 @@ constexpr std::size_t kBlockPieces = 4096;
     const double x2 = x * x;
     // Taylor to x^15 and x^14: below 2^-53 on this interval.
     double s = -1.0 / 1307674368000.0;
-    for (const double c : {1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0})
+    for (const double c :
+         {1.0 / 6227020800.0, -1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0})
         s = s * x2 + c;
     s *= x;
     double c = -1.0 / 87178291200.0;
-    for (const double k : {1.0 / 479001600.0, -1.0 / 3628800.0, 1.0 / 40320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0})
+    for (const double k :
+         {1.0 / 479001600.0, -1.0 / 3628800.0, 1.0 / 40320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0})
         c = c * x2 + k;
     switch (static_cast<int>(quarter) & 3) {
         case 0: return {c, s};
@@ -49,6 +58,86 @@ constexpr std::size_t kBlockPieces = 4096;
         if (slope != 0) t_hi = std::min(t_hi, slope > 0 ? (1 - from) / slope : -from / slope);
     }
     return std::max(t_hi, 0.0);
+}
+
+[[nodiscard]] std::array<double, 3> triple(const Vec3& v) { return {v.x, v.y, v.z}; }
+[[nodiscard]] Vec3 vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+
+[[nodiscard]] Body body_of(const Box& box, const Affine& to_world) {
+    const Vec3 size = box.size();
+    return {Body::Kind::parallelepiped,
+            to_world.point(box.lo),
+            {size.x * to_world.linear[0], size.y * to_world.linear[1], size.z * to_world.linear[2]}};
+}
+
+[[nodiscard]] double least_depth(const Camera& camera, const Vec3* corners, int count) {
+    double least = kInfinity;
+    for (int i = 0; i < count; ++i) least = std::min(least, camera.to_view(corners[i]).z);
+    return std::max(least, camera.near());
+}
+
+/// Area of the face across an edge, in the box's own coordinates.
+[[nodiscard]] double face_area(const Box& box, int axis) {
+    const Vec3 size = box.size();
+    return size[(axis + 1) % 3] * size[(axis + 2) % 3];
+}
+
+/// Lines through the box along one axis: what they may meet there, K = labels = 0 where nothing.
+[[nodiscard]] BoxLines lines_along(const CatalogueSurface& field, const Box& box, int axis) {
+    BoxLines lines;
+    const auto a = static_cast<std::size_t>(axis);
+    lines.axis = axis;
+    lines.lo = triple(box.lo);
+    lines.size = triple(box.size());
+    lines.root_lo = box.lo[axis];
+    lines.root_hi = box.hi[axis];
+    lines.both_signs = lines.root_lo < 0 && lines.root_hi > 0;
+    lines.negative = lines.root_hi <= 0;
+    lines.labels = lines.both_signs ? 2 : 1;
+    if (field.torus()) {
+        lines.kind = axis == 2 ? BoxLines::Kind::torus_along : BoxLines::Kind::torus_across;
+        lines.major = field.major();
+        lines.minor = field.minor();
+        if (axis != 2) {
+            // Inside of the circle in the tube's middle, outside, or both.
+            const auto nearest = [](double lo, double hi) { return lo > 0 ? lo : hi < 0 ? -hi : 0.0; };
+            const double least = std::hypot(nearest(box.lo.x, box.hi.x), nearest(box.lo.y, box.hi.y));
+            const double most = std::hypot(std::max(-box.lo.x, box.hi.x), std::max(-box.lo.y, box.hi.y));
+            const double hair = 1e-12 * field.major();
+            lines.inner = most <= field.major() - hair;
+            lines.both_rings = !lines.inner && least < field.major() + hair;
+            if (lines.both_rings) lines.labels *= 2;
+        }
+        return lines;
+    }
+    lines.square = triple(field.square());
+    lines.linear = triple(field.linear());
+    lines.constant = field.constant();
+    if (lines.square[a] != 0) {
+        lines.kind = BoxLines::Kind::quadric;
+        lines.inverse = -1 / lines.square[a];
+        assert(lines.linear[a] == 0);  // no surface of the catalogue has both along one axis
+    } else {
+        lines.kind = BoxLines::Kind::plane;
+        lines.labels = lines.linear[a] != 0 ? 1 : 0;
+        lines.inverse = lines.labels != 0 ? -1 / lines.linear[a] : 0;
+    }
+    return lines;
+}
+
+/// A box in two along each axis: at 0, where a surface of the catalogue has its planes of symmetry, and
+/// else beside the middle.
+int cut(const Box& box, std::array<Box, 8>& out) {
+    constexpr double kShare = 0.4871;
+    for (std::size_t i = 0; i < 8; ++i) {
+        out[i] = box;
+        for (int axis = 0; axis < 3; ++axis) {
+            const bool across = box.lo[axis] < 0 && box.hi[axis] > 0;
+            const double middle = across ? 0 : box.lo[axis] + kShare * (box.hi[axis] - box.lo[axis]);
+            ((i >> axis & 1U) != 0 ? out[i].lo : out[i].hi)[axis] = middle;
+        }
+    }
+    return 8;
 }
 
 /// The parts of a body cut in two along each of its edges (4 triangles, 4 or 8 parallel ones). Flat ones in
@@ -84,61 +173,246 @@ int cut(const Body& body, std::array<Body, 8>& out) {
 
 }  // namespace
 
+/// What the pieces of each kind weigh, while they are collected.
+struct LineSampler::Weights {
+    std::vector<FlatPiece> patches, parts;
+    std::vector<double> patch_weights, part_weights;
+    std::array<std::vector<double>, 3> cells;  // along each axis
+    std::vector<double> lines;
+};
+
 LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id)
-    : object_(&object), camera_(&camera), object_id_(object_id) {
-    std::vector<double> weights;
-    const std::size_t patches = object.geometry->patch_count();
-    for (std::size_t patch = 0; patch < patches; ++patch)
-        add_pieces(static_cast<std::uint32_t>(patch), object.geometry->body(patch), 0, weights);
-    for (const double w : weights) virtual_pixels_ += w;
-    if (virtual_pixels_ > 0) build_blocks(weights);
+    : object_(&object),
+      camera_(&camera),
+      object_id_(object_id),
+      clipped_(!object.surface.clip.empty() ||
+               (object.surface.bounds && !std::holds_alternative<ImplicitShape>(object.surface.shape))) {
+    const SurfaceGeometry& geometry = *object.geometry;
+    const bool constant = object.surface.opacity_law == OpacityLaw::constant;
+    const auto implicit = geometry.implicit();
+    const auto trilinear = geometry.trilinear();
+    if (implicit) to_world_ = implicit->to_world;
+    if (trilinear) {
+        to_world_ = trilinear->to_world;
+        isovalue_ = trilinear->isovalue;
+    }
+    view_ = LineView(camera, to_world_, constant);
+    flat_view_ = LineView(camera, Affine(), constant);
+
+    const std::size_t patches = geometry.patch_count();
+    if (implicit) {
+        if (patches > 0) {
+            const Vec3 room(kBoxRoom * length(implicit->bounds.size()));
+            virtual_pixels_ =
+                add_boxes(*implicit, {implicit->bounds.lo - room, implicit->bounds.hi + room}, 0, 0);
+        }
+    } else {
+        Weights weights;
+        for (std::size_t patch = 0; patch < patches; ++patch)
+            virtual_pixels_ +=
+                add_pieces(static_cast<std::uint32_t>(patch), geometry.body(patch), 0, weights);
+        flats_ = std::move(weights.patches);
+        flat_parts_ = flats_.size();
+        flats_.insert(flats_.end(), weights.parts.begin(), weights.parts.end());
+        add_blocks(Kind::flat_patches, 0, weights.patch_weights);
+        add_blocks(Kind::flat_parts, 0, weights.part_weights);
+        for (int axis = 0; axis < 3; ++axis)
+            add_blocks(Kind::cells, axis, weights.cells[static_cast<std::size_t>(axis)]);
+        add_blocks(Kind::lines, 0, weights.lines);
+    }
+    cells_.shrink_to_fit();
+    std::vector<double> sums;
+    for (const Block& block : blocks_) sums.push_back(block.virtual_pixels);
+    if (virtual_pixels_ > 0) block_table_ = AliasTable(sums);
+}
+
+/// Virtual pixels of the lines along one axis through a box, for each of their K crossings.
+double LineSampler::edge_weight(const Affine& to_world, const Box& box, int axis, double reach,
+                                double least_depth, double least_area) const {
+    const double across = face_area(box, axis);
+    if (object_->surface.opacity_law == OpacityLaw::oblique) {
+        const Vec3 cofactor = cross(to_world.linear[(axis + 1) % 3], to_world.linear[(axis + 2) % 3]);
+        return across * length(cofactor) / least_area;
+    }
+    const double side = camera_->pixel_size() * (camera_->perspective() ? least_depth : 1);
+    const double depth = camera_->perspective() ? least_depth : 1;
+    return std::abs(to_world.determinant()) * across * reach / (side * side * depth);
+}
+
+/// What a trial's payment is compared with: see edge_lines.hpp.
+double LineSampler::edge_bound(double least_depth, double least_area) const {
+    if (!camera_->perspective()) return 1;
+    const double scale = flat_view_.depth_scale;
+    if (object_->surface.opacity_law == OpacityLaw::oblique) {
+        const double far_side = camera_->pixel_size() / scale;
+        return least_area / (far_side * far_side);
+    }
+    const double z = least_depth * scale;
+    return z * z * z;
+}
+
+/// Adds a box, whole or in parts, whichever needs fewer trials; returns its virtual pixels. `most`: those of
+/// the whole surface.
+double LineSampler::add_boxes(const ImplicitPatch& patch, const Box& box, int depth, double most) {
+    std::array<Vec3, 8> corners;
+    const int count = body_of(box, patch.to_world).vertices(corners);
+    const auto area = camera_->pixel_area_range(corners.data(), count);
+    if (!area || patch.field->excludes(box)) return 0;
+    const double nearest = least_depth(*camera_, corners.data(), count);
+    std::array<BoxLines, 3> lines;
+    std::array<double, 3> weights{};
+    double whole = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        lines[a] = lines_along(*patch.field, box, axis);
+        lines[a].bound = edge_bound(nearest, area->least);
+        lines[a].reach = view_.reach;
+        if (view_.perspective && view_.constant_law)
+            for (int k = 0; k < 3; ++k) {
+                const auto i = static_cast<std::size_t>(k);
+                lines[a].reach[i] =
+                    std::max(std::abs(box.lo[k] - view_.eye[i]), std::abs(box.hi[k] - view_.eye[i]));
+            }
+        weights[a] =
+            lines[a].labels * edge_weight(patch.to_world, box, axis, lines[a].reach[a], nearest, area->least);
+        whole += weights[a];
+    }
+    if (!(whole > 0)) return 0;
+    if (depth == 0) most = whole;
+
+    const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
+    const bool must = cut_by_view || (area->most > kMostAreaRatio * area->least && whole > 1);
+    const bool may = depth < kMostBoxCuts && whole > kLeastBoxShare * most;
+    if (depth < kMostCuts && (must || may)) {
+        const std::size_t blocks_before = blocks_.size();
+        const std::size_t boxes_before = box_count_;
+        std::array<Box, 8> parts;
+        const int part_count = cut(box, parts);
+        double sum = 0;
+        for (int i = 0; i < part_count; ++i)
+            sum += add_boxes(patch, parts[static_cast<std::size_t>(i)], depth + 1, most);
+        if (sum < (must ? 1 : kWorthACut) * whole) return sum;
+        blocks_.resize(blocks_before);
+        box_count_ = boxes_before;
+    }
+    for (std::size_t a = 0; a < 3; ++a)
+        if (weights[a] > 0) blocks_.push_back({Kind::box, static_cast<int>(a), 0, weights[a], {}, lines[a]});
+    ++box_count_;
+    return whole;
 }
 
 /// Adds one body, whole or in parts, whichever needs fewer trials; returns its virtual pixels.
-double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth, std::vector<double>& weights) {
+double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth, Weights& weights) {
     std::array<Vec3, 8> corners;
     const int count = body.vertices(corners);
     const auto area = camera_->pixel_area_range(corners.data(), count);
     if (!area) return 0;
     if (!body.flat() && object_->geometry->excludes(patch, body)) return 0;
-    const std::optional<double> own = depth == 0 ? object_->geometry->throw_area(patch) : std::nullopt;
-    const double whole = own.value_or(object_->geometry->max_crossings() * body.crofton_area()) / area->least;
+    const double nearest = least_depth(*camera_, corners.data(), count);
+    const bool cell = depth == 0 && object_->geometry->trilinear().has_value();
+    double whole = 0;
+    if (cell) {
+        whole = add_cell(patch, body, nearest, area->least, weights);
+    } else if (body.flat() && object_->surface.opacity_law == OpacityLaw::constant) {
+        // |n·r| is the same all over a plane.
+        const Vec3 normal =
+            cross(body.edge[0], body.edge[1]) * (body.kind == Body::Kind::triangle ? 0.5 : 1.0);
+        const double depth_cubed = camera_->perspective() ? nearest * nearest * nearest : 1;
+        whole = std::abs(dot(normal, camera_->ray_direction(body.corner))) /
+                (camera_->pixel_size() * camera_->pixel_size() * depth_cubed);
+    } else {
+        whole = object_->geometry->max_crossings() * body.crofton_area() / area->least;
+    }
     if (!(whole > 0)) return 0;  // a body without extent
 
     const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
     if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && whole > 1))) {
-        const std::size_t pieces_before = pieces_.size();
-        const std::size_t parts_before = parts_.size();
+        // Whole cells come first in their lists, so a cell that is cut takes its own entry back.
+        const CellRecord own = cell ? cells_.back() : CellRecord{};
+        std::array<double, 3> own_weights{};
+        if (cell) {
+            cells_.pop_back();
+            for (std::size_t a = 0; a < 3; ++a) {
+                own_weights[a] = weights.cells[a].back();
+                weights.cells[a].pop_back();
+            }
+        }
+        const std::size_t lines_before = weights.lines.size();
+        const std::size_t bodies_before = parts_.size();
+        const std::size_t flats_before = weights.parts.size();
         std::array<Body, 8> parts;
         const int part_count = cut(body, parts);
         double sum = 0;
         for (int i = 0; i < part_count; ++i)
             sum += add_pieces(patch, parts[static_cast<std::size_t>(i)], depth + 1, weights);
         if (sum < whole) return sum;
-        pieces_.resize(pieces_before);
-        weights.resize(pieces_before);
-        parts_.resize(parts_before);
+        pieces_.resize(lines_before);
+        weights.lines.resize(lines_before);
+        parts_.resize(bodies_before);
+        weights.parts.resize(flats_before);
+        weights.part_weights.resize(flats_before);
+        own_positions_.resize(3 * flats_before);
+        own_triangles_.resize(flats_before);
+        own_patches_.resize(flats_before);
+        if (cell) {
+            cells_.push_back(own);
+            for (std::size_t a = 0; a < 3; ++a) weights.cells[a].push_back(own_weights[a]);
+        }
     }
-    std::int32_t part = -1;  // the patch's own body
-    if (depth > 0) {
-        part = static_cast<std::int32_t>(parts_.size());
-        parts_.push_back(body);
+    if (cell) return whole;
+    if (!body.flat()) {
+        std::int32_t part = -1;  // the patch's own body
+        if (depth > 0) {
+            part = static_cast<std::int32_t>(parts_.size());
+            parts_.push_back(body);
+        }
+        pieces_.push_back({patch, part, area->least});
+        weights.lines.push_back(whole);
+        return whole;
     }
-    pieces_.push_back({patch, part, area->least});
-    weights.push_back(whole);
+    const double bound = edge_bound(nearest, area->least);
+    if (depth == 0 && object_->geometry->mesh() != nullptr) {
+        weights.patches.push_back({patch, -1, bound});
+        weights.patch_weights.push_back(whole);
+        return whole;
+    }
+    const auto vertex = static_cast<std::uint32_t>(own_positions_.size());
+    own_positions_.insert(own_positions_.end(),
+                          {body.corner, body.corner + body.edge[0], body.corner + body.edge[1]});
+    own_triangles_.push_back({vertex, vertex + 1, vertex + 2});
+    own_patches_.push_back(patch);
+    weights.parts.push_back({static_cast<std::uint32_t>(own_triangles_.size() - 1), 0, bound});
+    weights.part_weights.push_back(whole);
     return whole;
 }
 
-void LineSampler::build_blocks(std::span<const double> weights) {
-    std::vector<double> sums;
+double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
+                             Weights& weights) {
+    const TrilinearCorners cell = object_->geometry->cell(patch);
+    cells_.push_back({cell.value, cell.base, patch, edge_bound(least_depth, least_area)});
+    const Box unit{Vec3(0.0), Vec3(1.0)};
+    double whole = 0;
+    for (std::size_t a = 0; a < 3; ++a) {
+        double reach = view_.reach[a];
+        if (view_.perspective && view_.constant_law)
+            reach =
+                std::max(std::abs(cell.base[a] - view_.eye[a]), std::abs(cell.base[a] + 1 - view_.eye[a]));
+        const double weight =
+            edge_weight(to_world_, unit, static_cast<int>(a), reach, least_depth, least_area);
+        weights.cells[a].push_back(weight);
+        whole += weight;
+    }
+    return body.flat() ? 0 : whole;
+}
+
+void LineSampler::add_blocks(Kind kind, int axis, std::span<const double> weights) {
     for (std::size_t first = 0; first < weights.size(); first += kBlockPieces) {
         const auto block = weights.subspan(first, std::min(kBlockPieces, weights.size() - first));
         double sum = 0;
         for (const double w : block) sum += w;
-        sums.push_back(sum);
-        blocks_.push_back({first, sum, AliasTable(block)});
+        const std::size_t offset = kind == Kind::flat_parts ? flat_parts_ : 0;
+        if (sum > 0) blocks_.push_back({kind, axis, offset + first, sum, AliasTable(block), {}});
     }
-    block_table_ = AliasTable(sums);
 }
 
 struct LineSampler::Bits {
@@ -146,36 +420,159 @@ struct LineSampler::Bits {
         : first(random_bits(seed, {.object = object, .repeat = repeat, .index = index, .block = 0})),
           second(random_bits(seed, {.object = object, .repeat = repeat, .index = index, .block = 1})) {}
 
-    /// Which piece: 53 bits.
-    [[nodiscard]] double pick() const {
-        return static_cast<double>(((static_cast<std::uint64_t>(second[0]) << 32U) | second[1]) >> 11U) * 0x1p-53;
-    }
+    [[nodiscard]] double u() const { return unit_interval(first[0]); }
+    [[nodiscard]] double v() const { return unit_interval(first[1]); }
+    [[nodiscard]] std::uint32_t choice() const { return first[2]; }
+    [[nodiscard]] double chance() const { return unit_interval(first[3]); }
     std::array<std::uint32_t, 4> first, second;
 };
 
-const LineSampler::Piece& LineSampler::pick_piece(const Bits& bits) const {
-    const AliasTable::Pick block = block_table_.pick(bits.pick());
-    return pieces_[blocks_[block.index].first_piece + blocks_[block.index].pieces.pick(block.rest).index];
+FlatBlock LineSampler::flat_block(const Block& block) const {
+    const TriangleMesh* mesh = object_->geometry->mesh();
+    const FlatPiece* pieces = flats_.data() + block.first;
+    if (block.kind == Kind::flat_patches)
+        return {&mesh->positions[0].x, mesh->triangles[0].data(), pieces, true};
+    return {&own_positions_[0].x, own_triangles_[0].data(), pieces, mesh != nullptr};
 }
 
-int LineSampler::shoot(const Piece& piece, const std::array<std::uint32_t, 4>& bits, std::uint32_t more_bits,
-                       std::span<Crossing, kMaxCrossings> hits, Vec3& origin, Vec3& direction) const {
-    const Body body = piece.part < 0 ? object_->geometry->body(piece.patch)
-                                     : parts_[static_cast<std::size_t>(piece.part)];
-    double u = unit_interval(bits[0]);
-    double v = unit_interval(bits[1]);
-    if (body.flat()) {
-        if (body.kind == Body::Kind::triangle && u + v > 1) {
-            u = 1 - u;
-            v = 1 - v;
-        }
-        origin = body.corner + u * body.edge[0] + v * body.edge[1];
-        hits[0] = {0, cross(body.edge[0], body.edge[1])};
-        return 1;
-    }
+CellBlock LineSampler::cell_block(const Block& block) const {
+    return {cells_.data() + block.first, isovalue_, block.axis};
+}
 
+/// The point that a kernel has kept, unless it is clipped away.
+std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::uint32_t piece,
+                                                      const LinePoint& found) const {
+    const Vec3 view = vector(found.view);
+    if (block.kind == Kind::cells || block.kind == Kind::box) {
+        if (clipped_ && !object_->keeps(to_world_.point(vector(found.place)))) return std::nullopt;
+        return Point{view, vector(found.normal)};
+    }
+    const FlatBlock flats = flat_block(block);
+    const FlatPiece& flat = flats.pieces[piece];
+    const std::uint32_t* corner = flats.triangles + std::size_t{3} * flat.triangle;
+    const auto position = [&](std::size_t i) {
+        const double* p = flats.positions + std::size_t{3} * corner[i];
+        return Vec3(p[0], p[1], p[2]);
+    };
+    const Vec3 edges[2] = {position(1) - position(0), position(2) - position(0)};
+    const double u = found.place[0];
+    const double v = found.place[1];
+    Vec3 normal = cross(edges[0], edges[1]);
+    const TriangleMesh* mesh = object_->geometry->mesh();
+    const bool smooth = mesh != nullptr && !mesh->normals.empty();
+    if (clipped_ || (smooth && flat.part >= 0)) {
+        const Vec3 world = position(0) + u * edges[0] + v * edges[1];
+        if (clipped_ && !object_->keeps(world)) return std::nullopt;
+        if (smooth && flat.part >= 0)
+            normal = object_->geometry->shading_normal(own_patches_[flat.triangle], world, normal);
+    }
+    if (smooth && flat.part < 0) {
+        const auto& n = mesh->normals;
+        const Vec3 shading = (1 - u - v) * n[corner[0]] + u * n[corner[1]] + v * n[corner[2]];
+        if (shading != Vec3(0.0)) normal = shading;  // normals of the file may cancel; only zero is unusable
+    }
+    return Point{view, camera_->view_vector(normal)};
+}
+
+std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, const Bits& bits) const {
+    const std::uint32_t piece =
+        table(block) != nullptr ? block.table.pick(bits.second[0], bits.second[1]) : 0;
+    LinePoint found;
+    bool kept = false;
+    switch (block.kind) {
+        case Kind::flat_patches:
+        case Kind::flat_parts:
+            kept = throw_flat(flat_view_, flat_block(block), piece, bits.u(), bits.v(), bits.chance(), found);
+            break;
+        case Kind::cells:
+            kept = cross_cell(view_, cells_[block.first + piece], isovalue_, block.axis, bits.u(), bits.v(),
+                              bits.chance(), found);
+            break;
+        case Kind::box:
+            kept = cross_box(view_, block.box, chosen_label(bits.choice(), block.box.labels), bits.u(),
+                             bits.v(), bits.chance(), found);
+            break;
+        case Kind::lines: return shoot_and_keep(pieces_[block.first + piece], bits);
+    }
+    return kept ? finish(block, piece, found) : std::nullopt;
+}
+
+std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat,
+                                                     std::uint64_t index) const {
+    const auto third =
+        random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
+    return trial_on(blocks_[block_table_.pick(third[0], third[1])], Bits(seed, object_id_, repeat, index));
+}
+
+std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block, Seed seed,
+                                                              std::uint32_t repeat,
+                                                              std::uint32_t index) const {
+    return trial_on(blocks_[block],
+                    Bits(seed, object_id_, repeat, (static_cast<std::uint64_t>(block) << 32U) | index));
+}
+
+void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const {
+    const bool ready = !clipped_ && (block.kind == Kind::cells || block.kind == Kind::box);
+    for (std::size_t i = 0; i < chunk.count; ++i) {
+        const auto at = [&](const double(&lanes)[3][kChunkRoom]) {
+            return std::array<double, 3>{lanes[0][i], lanes[1][i], lanes[2][i]};
+        };
+        if (ready) {
+            out.push_back({vector(at(chunk.view)), vector(at(chunk.normal))});
+        } else if (const auto point = finish(block, static_cast<std::uint32_t>(chunk.piece[i]),
+                                             {at(chunk.view), at(chunk.normal), at(chunk.place)})) {
+            out.push_back(*point);
+        }
+    }
+}
+
+void LineSampler::trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
+                                  std::uint32_t count, std::vector<Point>& out) const {
+    const Block& b = blocks_[block];
+    if (b.kind == Kind::lines) {
+        for (std::uint32_t i = 0; i < count; ++i)
+            if (const auto point = trial_in_block(block, seed, repeat, first + i)) out.push_back(*point);
+        return;
+    }
+    const LineKeys keys{seed.value, object_id_, repeat, static_cast<std::uint32_t>(block)};
+    LineWords words;
+    PointChunk chunk;
+    for (std::uint32_t done = 0; done < count;) {
+        const std::uint32_t n = std::min(kLineChunk, count - done);
+        draw_words(keys, table(b), first + done, n, words);
+        if (b.kind == Kind::box) {
+            cross_boxes(view_, b.box, -1, words, n, chunk);
+        } else if (b.kind == Kind::cells) {
+            cross_cells(view_, cell_block(b), words, n, chunk);
+        } else {
+            throw_flats(flat_view_, flat_block(b), words, n, chunk);
+        }
+        finish_chunk(b, chunk, out);
+        done += n;
+    }
+}
+
+// ---- uniform random lines, for surfaces that know no better
+
+namespace {
+
+struct Shot {
+    Vec3 origin{0.0}, direction{0.0};
+    std::array<Crossing, kMaxCrossings> hits{};
+    int count = 0;
+
+    [[nodiscard]] Vec3 at(int i) const { return origin + hits[static_cast<std::size_t>(i)].t * direction; }
+};
+
+/// A uniform random line through the body, and what it meets of the patch.
+[[nodiscard]] Shot shoot(const SurfaceGeometry& geometry, std::uint32_t patch, const Body& body,
+                         const std::array<std::uint32_t, 4>& bits, std::uint32_t more_bits) {
+    Shot shot;
+    const double u = unit_interval(bits[0]);
+    const double v = unit_interval(bits[1]);
     // A uniform point on the body's surface, which comes in three pairs of faces…
-    const double areas[3] = {length(cross(body.edge[1], body.edge[2])), length(cross(body.edge[2], body.edge[0])),
+    const double areas[3] = {length(cross(body.edge[1], body.edge[2])),
+                             length(cross(body.edge[2], body.edge[0])),
                              length(cross(body.edge[0], body.edge[1]))};
     double pick = unit_interval(more_bits) * 2 * (areas[0] + areas[1] + areas[2]);
     int face = 0;
@@ -183,97 +580,156 @@ int LineSampler::shoot(const Piece& piece, const std::array<std::uint32_t, 4>& b
     const int axis = face >> 1;
     const Vec3& a = body.edge[(axis + 1) % 3];
     const Vec3& b = body.edge[(axis + 2) % 3];
-    origin = body.corner + u * a + v * b;
+    shot.origin = body.corner + u * a + v * b;
     Vec3 inward = normalize(cross(a, b));
     if (dot(inward, body.edge[axis]) < 0) inward = -inward;
     if ((face & 1) != 0) {
-        origin += body.edge[axis];
+        shot.origin += body.edge[axis];
         inward = -inward;
     }
     // … and a direction by the cosine law: together a uniform random line through the body.
     const double disc = unit_interval(bits[2]);
     const Vec2 turn = std::sqrt(disc) * unit_circle(unit_interval(bits[3]));
     const Vec3 side = normalize(a);
-    direction = turn.x * side + turn.y * cross(inward, side) + std::sqrt(1 - disc) * inward;
+    shot.direction = turn.x * side + turn.y * cross(inward, side) + std::sqrt(1 - disc) * inward;
 
-    const double t_hi = exit_distance(body, origin, direction);
+    const double t_hi = exit_distance(body, shot.origin, shot.direction);
     // A hair beyond both ends: a surface may lie in a face of the body, where rounding would lose it.
     const double hair = 1e-12 * t_hi;
-    return object_->geometry->crossings(piece.patch, {origin, direction, -hair, t_hi + hair}, hits);
+    shot.count = geometry.crossings(patch, {shot.origin, shot.direction, -hair, t_hi + hair}, shot.hits);
+    return shot;
 }
 
-std::optional<LineSampler::Point> LineSampler::keep(const Piece& piece, const SurfacePoint& at, double chance) const {
-    const auto& [world, normal] = at;
+/// The repeat of a group to which crossing `label` of a line goes.
+[[nodiscard]] std::size_t dealt(std::uint64_t bits, int label, LineSampler::Deal deal) {
+    const std::uint64_t step = deal == LineSampler::Deal::apart ? 2 * (bits >> 4U & 7U) + 1 : 0;
+    return ((bits & 15U) + static_cast<std::uint64_t>(label) * step) % kLineGroup;
+}
+
+}  // namespace
+
+std::optional<LineSampler::Point> LineSampler::keep(std::uint32_t patch, const Crossing& hit,
+                                                    const Vec3& world, double least_area,
+                                                    double chance) const {
     const Vec3 view = camera_->to_view(world);
     if (!(view.z >= camera_->near() && view.z <= camera_->far())) return std::nullopt;
     const double area = camera_->pixel_area(view);
-    if (chance * area >= piece.least_area) return std::nullopt;
+    if (chance * area >= least_area) return std::nullopt;
     if (object_->surface.opacity_law == OpacityLaw::constant) {
         const Vec3 ray = camera_->ray_direction(world);
-        const double cosine = std::abs(dot(normal, ray)) / (length(normal) * length(ray));
-        if (chance * area >= piece.least_area * cosine) return std::nullopt;
+        const double cosine = std::abs(dot(hit.normal, ray)) / (length(hit.normal) * length(ray));
+        if (chance * area >= least_area * cosine) return std::nullopt;
     }
     const Vec2 pixel = camera_->project(view);
     if (!(pixel.x >= 0 && pixel.x < camera_->width() && pixel.y >= 0 && pixel.y < camera_->height()))
         return std::nullopt;
     if (!object_->keeps(world)) return std::nullopt;
-    return Point{view, camera_->view_vector(object_->geometry->shading_normal(piece.patch, world, normal))};
+    return Point{view, camera_->view_vector(object_->geometry->shading_normal(patch, world, hit.normal))};
 }
 
-std::optional<LineSampler::Point> LineSampler::trial_on(const Piece& piece, const Bits& bits) const {
-    const auto& [first, second] = bits;
-    const double chance = unit_interval(second[3]);
-    if (throws_itself(piece)) {
-        const auto point = object_->geometry->throw_point(piece.patch, {unit_interval(first[0]), unit_interval(first[1]),
-                                                                        unit_interval(first[2]), unit_interval(first[3])});
-        return point ? keep(piece, *point, chance) : std::nullopt;
-    }
-    std::array<Crossing, kMaxCrossings> hits;
-    Vec3 origin, direction(0.0);
+const Body& LineSampler::body_of_piece(const Piece& piece, Body& own) const {
+    if (piece.part >= 0) return parts_[static_cast<std::size_t>(piece.part)];
+    own = object_->geometry->body(piece.patch);
+    return own;
+}
+
+std::optional<LineSampler::Point> LineSampler::shoot_and_keep(const Piece& piece, const Bits& bits) const {
     // One word serves two choices: its high part the crossing, what is left of it the face.
-    const auto choices = static_cast<std::uint64_t>(second[2]) * static_cast<std::uint64_t>(max_crossings());
-    const int found = shoot(piece, first, static_cast<std::uint32_t>(choices), hits, origin, direction);
+    const auto choices = static_cast<std::uint64_t>(bits.second[2]) *
+                         static_cast<std::uint64_t>(object_->geometry->max_crossings());
+    Body own;
+    const Shot shot = shoot(*object_->geometry, piece.patch, body_of_piece(piece, own), bits.first,
+                            static_cast<std::uint32_t>(choices));
     const auto j = static_cast<int>(choices >> 32U);
-    if (j >= found) return std::nullopt;
-    const Crossing& hit = hits[static_cast<std::size_t>(j)];
-    return keep(piece, {origin + hit.t * direction, hit.normal}, chance);
+    if (j >= shot.count) return std::nullopt;
+    return keep(piece.patch, shot.hits[static_cast<std::size_t>(j)], shot.at(j), piece.least_area,
+                unit_interval(bits.second[3]));
 }
 
-std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const {
-    const Bits bits(seed, object_id_, repeat, index);
-    return trial_on(pick_piece(bits), bits);
-}
-
-std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
-                                                              std::uint32_t index) const {
-    const Bits bits(seed, object_id_, repeat, (static_cast<std::uint64_t>(block) << 32U) | index);
-    const Block& b = blocks_[block];
-    return trial_on(pieces_[b.first_piece + b.pieces.pick(bits.pick()).index], bits);
+double LineSampler::line_pixels() const {
+    std::array<Vec3, 8> corners;
+    const Body body = object_->geometry->body(0);
+    const auto area = camera_->pixel_area_range(corners.data(), body.vertices(corners));
+    return area ? body.crofton_area() / area->least : 0;
 }
 
 int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
                                    std::span<Point, kMaxCrossings> out) const {
     const Bits bits(seed, object_id_, repeat, index);
-    const auto third = random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
-    const Piece& piece = pick_piece(bits);
-    assert(!throws_itself(piece));
-    std::array<Crossing, kMaxCrossings> hits;
-    Vec3 origin, direction(0.0);
-    const int found = shoot(piece, bits.first, bits.second[2], hits, origin, direction);
+    const auto third =
+        random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
+    std::array<Vec3, 8> corners;
+    const Body body = object_->geometry->body(0);
+    const auto area = camera_->pixel_area_range(corners.data(), body.vertices(corners));
+    const Shot shot = shoot(*object_->geometry, 0, body, bits.first, bits.second[2]);
     int kept = 0;
-    for (int i = 0; i < found; ++i) {
-        const Crossing& hit = hits[static_cast<std::size_t>(i)];
-        const auto point = keep(piece, {origin + hit.t * direction, hit.normal},
-                                unit_interval(third[static_cast<std::size_t>(i)]));
-        if (point) out[static_cast<std::size_t>(kept++)] = *point;
+    for (int i = 0; area && i < shot.count; ++i) {
+        const auto k = static_cast<std::size_t>(i);
+        if (const auto point = keep(0, shot.hits[k], shot.at(i), area->least, unit_interval(third[k])))
+            out[static_cast<std::size_t>(kept++)] = *point;
     }
     return kept;
 }
 
+// ---- fast mode
+
+int LineSampler::block_crossings(std::size_t block) const {
+    const Block& b = blocks_[block];
+    if (b.kind == Kind::box) return b.box.labels;
+    return b.kind == Kind::lines ? object_->geometry->max_crossings() : 1;
+}
+
+void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count,
+                                 Deal deal, std::span<std::vector<Point>, kLineGroup> out) const {
+    const Block& b = blocks_[block];
+    assert(b.kind == Kind::box || b.kind == Kind::lines);
+    const int labels = block_crossings(block);
+    if (b.kind == Kind::lines) {
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const std::uint64_t index = (static_cast<std::uint64_t>(block) << 32U) | i;
+            const Bits bits(seed, object_id_, group, index);
+            const auto third =
+                random_bits(seed, {.object = object_id_, .repeat = group, .index = index, .block = 2});
+            const Piece& piece = pieces_[b.first + b.table.pick(bits.second[0], bits.second[1])];
+            Body own;
+            const Shot shot =
+                shoot(*object_->geometry, piece.patch, body_of_piece(piece, own), bits.first, bits.second[2]);
+            for (int l = 0; l < shot.count; ++l)
+                if (const auto point =
+                        keep(piece.patch, shot.hits[static_cast<std::size_t>(l)], shot.at(l),
+                             piece.least_area, turned_chance(unit_interval(bits.second[3]), l, labels)))
+                    out[dealt(third[0], l, deal)].push_back(*point);
+        }
+        return;
+    }
+    const LineKeys keys{seed.value, object_id_, group, static_cast<std::uint32_t>(block)};
+    LineWords words;
+    PointChunk chunk;
+    for (std::uint32_t done = 0; done < count;) {
+        const std::uint32_t n = std::min(kLineChunk, count - done);
+        draw_words(keys, nullptr, done, n, words);
+        for (int label = 0; label < labels; ++label) {
+            cross_boxes(view_, b.box, label, words, n, chunk);
+            for (std::size_t i = 0; i < chunk.count; ++i) {
+                const Vec3 place(chunk.place[0][i], chunk.place[1][i], chunk.place[2][i]);
+                if (clipped_ && !object_->keeps(to_world_.point(place))) continue;
+                out[dealt(words.choice[chunk.line[i]], label, deal)].push_back(
+                    {{chunk.view[0][i], chunk.view[1][i], chunk.view[2][i]},
+                     {chunk.normal[0][i], chunk.normal[1][i], chunk.normal[2][i]}});
+            }
+        }
+        done += n;
+    }
+}
+
 std::size_t LineSampler::bytes() const {
     std::size_t sum = pieces_.capacity() * sizeof(Piece) + parts_.capacity() * sizeof(Body) +
-                      blocks_.capacity() * sizeof(Block) + block_table_.bytes();
-    for (const Block& block : blocks_) sum += block.pieces.bytes();
+                      cells_.capacity() * sizeof(CellRecord) + flats_.capacity() * sizeof(FlatPiece) +
+                      own_positions_.capacity() * sizeof(Vec3) +
+                      own_triangles_.capacity() * sizeof(own_triangles_[0]) +
+                      own_patches_.capacity() * sizeof(std::uint32_t) + blocks_.capacity() * sizeof(Block) +
+                      block_table_.bytes();
+    for (const Block& block : blocks_) sum += block.table.bytes();
     return sum;
 }
 

@@ -1,16 +1,25 @@
-// Particles uniform on a surface by random lines (Cauchy-Crofton), for one view.
+// Particles of a surface by random lines (Cauchy-Crofton), for one view.
 //
-// A *trial* picks a piece of the surface, shoots a uniform random line through the piece's convex
-// body, draws j uniform in 1…K (K = most crossings of a line) and keeps crossing j if there is one:
-// never two of one line, so particles are independent. Whatever the surface, every trial lands on an
-// area element dA with probability
-//     dA / (s(x)·V),      V = Σ_pieces K · crofton_area / least s on the piece,
-// s(x) the area one pixel sees at x (a crossing is kept with probability least s/s(x)). No area needs
-// to be known: PBSR (1) holds with trials for particles and V for S/s, pixels on the surface:
+// A *trial* picks a piece of the surface, shoots a random line through it, draws one of the K crossings that
+// the line may have and keeps it if it is there: never two of one line, so particles are independent.
+// Whatever the surface and its opacity law, every trial lands on an area element dA with probability
+//     w dA / (s(x)·V),      w = 1 (oblique law) or |cosθ| (constant law),
+// s(x) the area one pixel sees at x, by thinning of what the lines give. No area needs to be known: PBSR (1)
+// holds with trials for particles and V for S/s, pixels on the surface:
 //     α = 1 − (1 − 1/V)^trials.
-// A flat body is met once by every line through it, so its trial is a uniform point on it. Cells of a
-// trilinear field are met once at most by lines along their edges: they throw their points themselves
-// (SurfaceGeometry::throw_point), with their throw_area in place of K·crofton_area.
+// The fewer pixels V, the fewer trials:
+//   catalogue surfaces   lines along the edges of boxes that hold it     K = 1, 2 or 4   edge_lines.hpp
+//   trilinear cells      lines along the edges of the cell               K = 1
+//   flat bodies          uniform points                                  K = 1
+//   anything else        uniform random lines through the piece's body   K = max_crossings;
+//                        then V = K · Crofton's area / least s, and w is paid in trials
+//
+// *Fast mode* (`lines_in_block`) keeps all crossings of a line and deals them to different repeats of a group
+// of kLineGroup: crossing l to repeat start + l·step mod 16, start uniform, step odd. With Poisson(16·τ·V/K)
+// lines a group every repeat is the process of exact mode: (1) a line gives a repeat at most one point, so the
+// points of one repeat are a thinned and mapped Poisson process of lines, which is Poisson (marking theorem);
+// (2) every crossing comes to a repeat with chance 1/16, so its intensity is 16·τ·(V/K)·(K/V)·w dA/s / 16 =
+// τ w dA/s. Repeats of one group depend on each other, and only by where the crossings of one line lie.
 #pragma once
 
 #include <cstdint>
@@ -19,6 +28,7 @@
 
 #include "core/random.hpp"
 #include "sample/alias_table.hpp"
+#include "sample/edge_lines.hpp"
 #include "sample/particle_set.hpp"
 #include "scene/prepared_scene.hpp"
 
@@ -27,16 +37,21 @@ namespace pellucid {
 /// Opacities are taken as at most this: at 1 the number of particles is infinite.
 inline constexpr double kMostParticleOpacity = 1 - 0x1p-20;
 
+/// Repeats that share lines in fast mode: repeat/16 is the group.
+inline constexpr std::uint32_t kLineGroup = 16;
+
 class LineSampler {
 public:
     /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
-    /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random numbers.
-    /// The object must outlive the sampler.
+    /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random
+    /// numbers. The object must outlive the sampler.
     LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id);
 
     /// V above; 0 where nothing can be seen.
     [[nodiscard]] double virtual_pixels() const { return virtual_pixels_; }
-    [[nodiscard]] std::size_t piece_count() const { return pieces_.size(); }
+    [[nodiscard]] std::size_t piece_count() const {
+        return flats_.size() + cells_.size() + box_count_ + pieces_.size();
+    }
     [[nodiscard]] std::size_t bytes() const;
     [[nodiscard]] const Object& object() const { return *object_; }
     [[nodiscard]] std::uint32_t object_id() const { return object_id_; }
@@ -45,54 +60,96 @@ public:
         Vec3 view;         // view space
         Vec3 view_normal;  // for shading, view space
     };
-    /// One trial: a point in view, or none. Points follow the surface's opacity law: for `constant`
-    /// a particle is kept with probability |cosθ|.
+    /// One trial: a point in view, or none.
     [[nodiscard]] std::optional<Point> trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const;
-    /// All crossings of a line at once, as no sampler should: dependent particles in one repeat.
-    /// Kept as the wrong twin of `trial` that the tests must reject: K times as many points a line. For
-    /// surfaces whose pieces do not throw themselves.
+    /// All crossings of a random line at once, as no sampler should: dependent particles in one repeat.
+    /// Kept as the wrong twin of `trial` that the tests must reject: `line_pixels` takes the place of V. For
+    /// surfaces of one patch that is not flat.
     int trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
                           std::span<Point, kMaxCrossings> out) const;
-    [[nodiscard]] int max_crossings() const { return object_->geometry->max_crossings(); }
+    [[nodiscard]] double line_pixels() const;
 
     /// Pieces come in blocks of neighbours, which fit into a near cache together: trials taken block by
-    /// block (a Poisson number in each) are several times as fast as trials all over the surface.
+    /// block (a Poisson number in each) are many times as fast as trials all over the surface.
     [[nodiscard]] std::size_t block_count() const { return blocks_.size(); }
-    [[nodiscard]] double block_virtual_pixels(std::size_t block) const { return blocks_[block].virtual_pixels; }
+    [[nodiscard]] double block_virtual_pixels(std::size_t block) const {
+        return blocks_[block].virtual_pixels;
+    }
     [[nodiscard]] std::optional<Point> trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
                                                       std::uint32_t index) const;
+    /// Appends the points of trials first … first + count − 1 of `trial_in_block`, in their order and equal to
+    /// the last bit: SIMD.
+    void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
+                         std::uint32_t count, std::vector<Point>& out) const;
+
+    /// Fast mode: K of the block's lines. Where it is 1 there is nothing to deal, and fast is exact mode.
+    [[nodiscard]] int block_crossings(std::size_t block) const;
+    enum class Deal { apart, together };  // together: the wrong twin, for tests
+    /// Lines 0 … count − 1 of a group; crossings are appended to the repeats they are dealt to.
+    void lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count, Deal deal,
+                        std::span<std::vector<Point>, kLineGroup> out) const;
 
 private:
+    /// A piece for uniform random lines.
     struct Piece {
         std::uint32_t patch;
-        std::int32_t part;      // index into parts_, or −1: the patch's own body
-        double least_area;      // least s
+        std::int32_t part;  // index into parts_, or −1: the patch's own body
+        double least_area;  // least s
     };
+    enum class Kind : std::uint8_t { flat_patches, flat_parts, cells, box, lines };
     struct Block {
-        std::size_t first_piece;
+        Kind kind;
+        int axis;
+        std::size_t first;  // of its pieces
         double virtual_pixels;
-        AliasTable pieces;
+        AliasTable table;
+        BoxLines box;
     };
+    struct Weights;
     /// The random numbers of a trial: two blocks of the counter.
     struct Bits;
 
-    double add_pieces(std::uint32_t patch, const Body& body, int depth, std::vector<double>& weights);
-    void build_blocks(std::span<const double> weights);
-    [[nodiscard]] const Piece& pick_piece(const Bits& bits) const;
-    [[nodiscard]] std::optional<Point> trial_on(const Piece& piece, const Bits& bits) const;
-    [[nodiscard]] int shoot(const Piece& piece, const std::array<std::uint32_t, 4>& bits, std::uint32_t more_bits,
-                            std::span<Crossing, kMaxCrossings> hits, Vec3& origin, Vec3& direction) const;
-    [[nodiscard]] bool throws_itself(const Piece& piece) const {
-        return piece.part < 0 && object_->geometry->throw_area(piece.patch).has_value();
+    [[nodiscard]] double edge_weight(const Affine& to_world, const Box& box, int axis, double reach,
+                                     double least_depth, double least_area) const;
+    [[nodiscard]] double edge_bound(double least_depth, double least_area) const;
+    double add_boxes(const ImplicitPatch& patch, const Box& box, int depth, double most);
+    double add_pieces(std::uint32_t patch, const Body& body, int depth, Weights& weights);
+    double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
+                    Weights& weights);
+    void add_blocks(Kind kind, int axis, std::span<const double> weights);
+
+    [[nodiscard]] FlatBlock flat_block(const Block& block) const;
+    [[nodiscard]] CellBlock cell_block(const Block& block) const;
+    [[nodiscard]] const AliasTable* table(const Block& block) const {
+        return block.kind == Kind::box ? nullptr : &block.table;
     }
-    [[nodiscard]] std::optional<Point> keep(const Piece& piece, const SurfacePoint& at, double chance) const;
+    [[nodiscard]] std::optional<Point> finish(const Block& block, std::uint32_t piece,
+                                              const LinePoint& found) const;
+    [[nodiscard]] std::optional<Point> trial_on(const Block& block, const Bits& bits) const;
+    const Body& body_of_piece(const Piece& piece, Body& own) const;
+    [[nodiscard]] std::optional<Point> shoot_and_keep(const Piece& piece, const Bits& bits) const;
+    [[nodiscard]] std::optional<Point> keep(std::uint32_t patch, const Crossing& hit, const Vec3& world,
+                                            double least_area, double chance) const;
+    void finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const;
 
     const Object* object_;
     const Camera* camera_;
     std::uint32_t object_id_;
     double virtual_pixels_ = 0;
+    bool clipped_ = false;  // points must be asked for Object::keeps
+    Affine to_world_;       // from the space in which edges are axes
+    double isovalue_ = 0;
+    LineView view_;
+    LineView flat_view_;  // of world space
     std::vector<Piece> pieces_;
     std::vector<Body> parts_;
+    std::vector<CellRecord> cells_;
+    std::vector<FlatPiece> flats_;
+    std::size_t flat_parts_ = 0;       // the first of flats_ that is a part, once all are there
+    std::vector<Vec3> own_positions_;  // of flat bodies that are no whole triangle of a mesh
+    std::vector<std::array<std::uint32_t, 3>> own_triangles_;
+    std::vector<std::uint32_t> own_patches_;
+    std::size_t box_count_ = 0;
     std::vector<Block> blocks_;
     AliasTable block_table_;
 };

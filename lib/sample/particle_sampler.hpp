@@ -18,14 +18,25 @@ enum class TrialLaw {
     binomial,
 };
 
+/// What becomes of a line that crosses a surface more than once.
+enum class LineMode {
+    /// One crossing in K is kept: particles are independent, within a repeat and between repeats.
+    exact,
+    /// All crossings, each in another repeat of a group of kLineGroup consecutive ones: a repeat alone is as in
+    /// exact mode, repeats of a group depend on each other (line_sampler.hpp). Needs TrialLaw::poisson.
+    fast,
+};
+
 struct SamplerSettings {
     Seed seed{};
     TrialLaw trials = TrialLaw::poisson;
+    LineMode lines = LineMode::exact;
     /// Draw exactly this many particles of each object in each repeat, whatever its opacity.
     std::optional<std::uint64_t> exact_count{};
     /// Wrong twins, for tests that must reject them.
     bool keep_all_crossings = false;
     bool same_set_in_all_repeats = false;
+    bool deal_to_one_repeat = false;  // fast mode
 };
 
 /// One sampler an object, in the order of the scene.
@@ -36,7 +47,8 @@ struct SamplerSettings {
 
 /// Samples repeats first, …, first + count − 1. A repeat depends on seed and its own number only, so
 /// any split into calls, threads or machines gives the same particles.
-/// Throws Error(run) where exact_count cannot be met because nothing of the object is in view.
+/// Throws Error(input) where fast mode is asked for without the Poisson law; Error(run) where exact_count
+/// cannot be met because nothing of the object is in view.
 [[nodiscard]] ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
                                            const SamplerSettings& settings, std::uint32_t first, std::uint32_t count);
 

@@ -1,6 +1,7 @@
 #include "sample/particle_set.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "core/error.hpp"
@@ -25,12 +26,16 @@ ParticleFrame::ParticleFrame(const Camera& camera) : near(camera.near()) {
     const double reach = camera.perspective() ? camera.far() : 1;
     const double half = half_size(camera) * camera.pixel_size() * reach;
     exponent = ceil_exponent(std::max({camera.far() - camera.near(), half, camera.perspective() ? camera.far() : 0.0}));
+    shrink = std::ldexp(1.0, -exponent);
 }
 
 Particle ParticleFrame::pack(const Vec3& view, const Vec3& view_normal) const {
-    const auto shrink = [&](double v) { return static_cast<float>(std::ldexp(v, -exponent)); };
-    const Vec3 n = normalize(view_normal);
-    return {shrink(view.x), shrink(view.y), shrink(std::max(0.0, view.z - near)),
+    // Into float's range by a power of two: exact, and without a root or a division.
+    const double largest = std::max({std::abs(view_normal.x), std::abs(view_normal.y), std::abs(view_normal.z)});
+    const auto exponent_bits = std::bit_cast<std::uint64_t>(largest) >> 52U;
+    const Vec3 n = std::bit_cast<double>((std::uint64_t{2045} - exponent_bits) << 52U) * view_normal;
+    return {static_cast<float>(view.x * shrink), static_cast<float>(view.y * shrink),
+            static_cast<float>(std::max(0.0, view.z - near) * shrink),
             twin::pack_normal({static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)})};
 }
 

@@ -18,6 +18,7 @@ using twin::Particle;
 struct ParticleFrame {
     double near = 0;
     int exponent = 0;
+    double shrink = 1;  // 2^-exponent
 
     explicit ParticleFrame(const Camera& camera);
     /// As stored: of a shard.

@@ -32,9 +32,7 @@ double Body::crofton_area() const {
 
 bool SurfaceGeometry::excludes(std::size_t, const Body&) const { return false; }
 
-std::optional<SurfacePoint> SurfaceGeometry::throw_point(std::size_t, const std::array<double, 4>&) const {
-    return std::nullopt;
-}
+TrilinearCorners SurfaceGeometry::cell(std::size_t) const { return {}; }
 
 Vec3 SurfaceGeometry::shading_normal(std::size_t, const Vec3&, const Vec3& geometric) const { return geometric; }
 

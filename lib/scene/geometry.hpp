@@ -16,6 +16,7 @@
 
 #include "core/image.hpp"
 #include "core/vec.hpp"
+#include "field/catalogue.hpp"
 #include "io/mesh_file.hpp"
 #include "scene/scene.hpp"
 
@@ -44,9 +45,21 @@ struct Crossing {
 
 inline constexpr int kMaxCrossings = 4;
 
-struct SurfacePoint {
-    Vec3 point{0.0};
-    Vec3 normal{0.0};  // geometric, world; not normalised, never zero
+/// f = 0 inside the bounds, in object space: one patch.
+struct ImplicitPatch {
+    const CatalogueSurface* field;
+    Box bounds;
+    Affine to_world;
+};
+
+/// f = isovalue in cells of a grid, trilinear in each: a cell a patch. Object space counts samples.
+struct TrilinearPatches {
+    double isovalue;
+    Affine to_world;
+};
+struct TrilinearCorners {
+    std::array<std::int32_t, 3> base;  // its first sample
+    std::array<float, 8> value;        // x fastest
 };
 
 /// origin + t·direction for t in [t_lo, t_hi], in world space.
@@ -72,11 +85,11 @@ public:
     [[nodiscard]] virtual int max_crossings() const = 0;
     /// Every crossing of a line with the part of the surface in the patch's body, ascending in t.
     virtual int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const = 0;
-    /// Patches that know a better way than random lines to throw uniform points: the area that `throw_point`
-    /// throws at. A throw falls on the area element dA of the patch with probability dA/throw_area.
-    [[nodiscard]] virtual std::optional<double> throw_area(std::size_t) const { return std::nullopt; }
-    /// One throw from four independent numbers in (0, 1), or none. Precondition: throw_area has a value.
-    [[nodiscard]] virtual std::optional<SurfacePoint> throw_point(std::size_t patch, const std::array<double, 4>& u) const;
+    /// What the surface is where its lines along edges have closed-form crossings; both are empty elsewhere.
+    [[nodiscard]] virtual std::optional<ImplicitPatch> implicit() const { return std::nullopt; }
+    [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
+    /// Precondition: trilinear() has a value.
+    [[nodiscard]] virtual TrilinearCorners cell(std::size_t patch) const;
     /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.
     [[nodiscard]] virtual bool excludes(std::size_t patch, const Body& part) const;
     /// Normal for shading at a point of the patch, world, not normalised.

@@ -58,6 +58,10 @@ public:
         return found;
     }
 
+    [[nodiscard]] std::optional<ImplicitPatch> implicit() const override {
+        return ImplicitPatch{&field_, bounds_, to_world_};
+    }
+
     [[nodiscard]] bool excludes(std::size_t, const Body& part) const override {
         std::array<Vec3, 8> corners;
         const int count = part.vertices(corners);

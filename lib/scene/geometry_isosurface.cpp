@@ -42,10 +42,7 @@ public:
         : grid_(std::move(grid)),
           isovalue_(isovalue),
           to_world_(compose(to_world, grid_.index_to_world)),
-          to_index_(to_world_.inverse()),
-          volume_(std::abs(to_world_.determinant())) {
-        const auto& e = to_world_.linear;
-        least_height_ = volume_ / std::max({length(cross(e[1], e[2])), length(cross(e[2], e[0])), length(cross(e[0], e[1]))});
+          to_index_(to_world_.inverse()) {
         find_cells();
     }
 
@@ -101,29 +98,15 @@ public:
         return found;
     }
 
-    // Lines along the cell's edges: the field is linear on them, so each meets the surface once at most.
-    // A line along edge e_a through a uniform point of the face across from it falls on dA with probability
-    // |n·e_a| dA/volume; with the edge drawn from three that is Σ_a |n·e_a| dA/(3 volume). The sum is the cell's
-    // width along n, least across the widest face: keeping the point with probability (least height)/width
-    // makes it uniform. N = cofactor·∇f gives n·e_a = volume·∂_a f/|N|.
-    [[nodiscard]] std::optional<double> throw_area(std::size_t) const override { return 3 * volume_ / least_height_; }
-    [[nodiscard]] std::optional<SurfacePoint> throw_point(std::size_t patch, const std::array<double, 4>& u) const override {
-        const TrilinearCell cell = values(patch);
-        const int a = std::min(2, static_cast<int>(3 * u[0]));
-        Vec3 p;
-        p[(a + 1) % 3] = u[1];
-        p[(a + 2) % 3] = u[2];
-        p[a] = 0;
-        const double f0 = cell(p.x, p.y, p.z);
-        p[a] = 1;
-        const double f1 = cell(p.x, p.y, p.z);
-        if ((f0 >= 0) == (f1 >= 0)) return std::nullopt;
-        p[a] = f0 / (f0 - f1);
-        const Vec3 gradient = cell.gradient(p);
-        const Vec3 normal = to_world_.normal(gradient);
-        const double width = volume_ * (std::abs(gradient.x) + std::abs(gradient.y) + std::abs(gradient.z));
-        if (!(u[3] * width <= least_height_ * length(normal))) return std::nullopt;
-        return SurfacePoint{to_world_.point(Vec3(origin(patch)) + p), normal};
+    [[nodiscard]] std::optional<TrilinearPatches> trilinear() const override {
+        return TrilinearPatches{isovalue_, to_world_};
+    }
+    [[nodiscard]] TrilinearCorners cell(std::size_t patch) const override {
+        const glm::ivec3 first = origin(patch);
+        TrilinearCorners cell{{first.x, first.y, first.z}, {}};
+        for (int corner = 0; corner < 8; ++corner)
+            cell.value[static_cast<std::size_t>(corner)] = grid_.values[cells_[patch] + step(corner)];
+        return cell;
     }
 
     [[nodiscard]] bool excludes(std::size_t patch, const Body& part) const override {
@@ -203,8 +186,6 @@ private:
     double isovalue_;
     Affine to_world_;
     Affine to_index_;
-    double volume_;        // of a cell
-    double least_height_;  // of a cell over one of its faces
     std::vector<std::uint64_t> cells_;  // their first sample
 };
 
