@@ -2,8 +2,9 @@
 #include "vulkan/device.hpp"
 
 #include <algorithm>
+#include <cctype>
+#include <cstdio>
 #include <cstdlib>
-#include <cstring>
 #include <limits>
 #include <optional>
 #include <random>
@@ -12,6 +13,11 @@
 
 #include "core/error.hpp"
 #include "core/stopwatch.hpp"
+
+#ifdef __SANITIZE_ADDRESS__
+/// The layer 1.3.239 drops some memory for every shader that it looks at; drivers and our own code do not.
+extern "C" const char* __lsan_default_suppressions() { return "leak:libVkLayer_khronos_validation.so\n"; }
+#endif
 
 namespace pellucid::vulkan {
 namespace {
@@ -42,7 +48,11 @@ template <class T>
 [[nodiscard]] std::vector<std::byte> random_bytes(std::size_t count, unsigned seed) {
     std::mt19937 random(seed);
     std::vector<std::byte> bytes(count);
-    for (std::byte& b : bytes) b = static_cast<std::byte>(random());
+    std::uint32_t word = 0;
+    for (std::size_t i = 0; i < count; ++i) {
+        word = i % 4 == 0 ? static_cast<std::uint32_t>(random()) : word >> 8;
+        bytes[i] = static_cast<std::byte>(word);
+    }
     return bytes;
 }
 
@@ -72,10 +82,15 @@ protected:
             GTEST_SKIP() << "skipped: no Vulkan device";
         device_.emplace(DeviceOptions{.validate = true});
     }
+    /// What is left of a device's objects when it goes is a message too.
     void TearDown() override {
-        if (device_ && !wrong_use_) {
+        if (!device_) return;
+        if (!wrong_use_) {
             EXPECT_EQ(device_->validation_messages(), std::vector<std::string>{});
         }
+        testing::internal::CaptureStderr();
+        device_.reset();
+        EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
     }
     const Device& device() const { return *device_; }
 
@@ -87,7 +102,8 @@ protected:
 
 TEST_F(VulkanLayer, ListsTheDeviceItChooses) {
     const std::vector<DeviceInfo> all = list_devices();
-    const auto chosen = std::find_if(all.begin(), all.end(), [&](const DeviceInfo& d) { return d.name == device().info().name; });
+    const auto is_chosen = [&](const DeviceInfo& d) { return d.name == device().info().name; };
+    const auto chosen = std::find_if(all.begin(), all.end(), is_chosen);
     ASSERT_NE(chosen, all.end());
     EXPECT_TRUE(chosen->usable);
     EXPECT_EQ(chosen->why_not, "");
@@ -97,14 +113,17 @@ TEST_F(VulkanLayer, ListsTheDeviceItChooses) {
     EXPECT_GE(chosen->subgroup_size, 1U);
     EXPECT_GT(chosen->heap_bytes, 0U);
     EXPECT_LE(chosen->largest_allocation, chosen->heap_bytes);
-    const bool gpu_there = std::any_of(all.begin(), all.end(), [](const DeviceInfo& d) { return d.is_gpu && d.usable; });
-    EXPECT_EQ(chosen->is_gpu, gpu_there);
+    const auto is_usable_gpu = [](const DeviceInfo& d) { return d.is_gpu && d.usable; };
+    EXPECT_EQ(chosen->is_gpu, std::any_of(all.begin(), all.end(), is_usable_gpu));
 }
 
 TEST_F(VulkanLayer, FindsADeviceByAPartOfItsNameInAnyCase) {
     const std::string whole = device().info().name;
     std::string part = whole.substr(0, whole.size() / 2);
-    for (char& c : part) c = static_cast<char>(std::isupper(static_cast<unsigned char>(c)) ? std::tolower(c) : std::toupper(c));
+    for (char& c : part) {
+        const auto letter = static_cast<unsigned char>(c);
+        c = static_cast<char>(std::isupper(letter) != 0 ? std::tolower(letter) : std::toupper(letter));
+    }
     EXPECT_EQ(Device({.name = part, .validate = true}).info().name, whole);
 }
 
@@ -115,25 +134,36 @@ TEST_F(VulkanLayer, AnUnknownNameIsAMissingDeviceThatListsThoseThereAre) {
     expect_one_line(*error, Failure::device, "\"no such device\"");
 }
 
-TEST(VulkanWithoutDriver, ListIsEmptyAndADeviceIsMissing) {
-    // Another process: the loader of this one may have read the variables already.
-    const auto without_driver = [] {
-        for (const char* variable : {"VK_ICD_FILENAMES", "VK_DRIVER_FILES"}) setenv(variable, "/nonexistent", 1);
-        const bool empty = list_devices().empty();
-        const auto error = error_of([] { const Device none; });
+/// A device's failure where these variables point to no file; in another process, because the loader of
+/// this one may have read them.
+void expect_missing_device(const std::vector<const char*>& variables, const DeviceOptions& options,
+                           const char* message) {
+    const auto child = [&] {
+        for (const char* variable : variables) setenv(variable, "/nonexistent", 1);
+        const auto error = error_of([&] { const Device none(options); });
         if (error) std::fprintf(stderr, "%s\n", error->what());
-        std::exit(empty && error ? error->exit_code() : 0);
+        std::exit(error && (options.validate || list_devices().empty()) ? error->exit_code() : 0);
     };
     testing::FLAGS_gtest_death_test_style = "threadsafe";
-    EXPECT_EXIT(without_driver(), testing::ExitedWithCode(3), "^no Vulkan device[^\n]*\n$");
+    EXPECT_EXIT(child(), testing::ExitedWithCode(3), message);
+}
+
+TEST(VulkanWithoutDriver, ListIsEmptyAndADeviceIsMissing) {
+    expect_missing_device({"VK_ICD_FILENAMES", "VK_DRIVER_FILES"}, {}, "^no Vulkan device[^\n]*\n$");
+}
+
+TEST(VulkanWithoutDriver, AMissingValidationLayerNamesItsPackage) {
+    expect_missing_device({"VK_LAYER_PATH"}, {.validate = true},
+                          "^no layer [^\n]* vulkan-validationlayers\n$");
 }
 
 // Buffers
 
-TEST_F(VulkanLayer, BytesComeBackForEveryKindSizeAndOffset) {
-    for (const BufferKind kind : {BufferKind::device, BufferKind::upload, BufferKind::readback})
-        for (const std::size_t size : {std::size_t{1}, std::size_t{3}, std::size_t{4097}, std::size_t{70'000'001}}) {
-            const Buffer buffer(device(), size, kind);
+void expect_round_trips(const Device& device, const std::vector<BufferKind>& kinds,
+                        const std::vector<std::size_t>& sizes) {
+    for (const BufferKind kind : kinds)
+        for (const std::size_t size : sizes) {
+            const Buffer buffer(device, size, kind);
             EXPECT_EQ(buffer.bytes(), size);
             EXPECT_NE(buffer.address(), 0U);
             EXPECT_EQ(buffer.address() % 16, 0U);
@@ -141,19 +171,32 @@ TEST_F(VulkanLayer, BytesComeBackForEveryKindSizeAndOffset) {
                 EXPECT_EQ(buffer.mapped().size(), size);
             }
             const std::vector<std::byte> bytes = random_bytes(size, 1);
-            upload(device(), buffer, bytes);
-            EXPECT_EQ(downloaded<std::byte>(device(), buffer), bytes);
+            upload(device, buffer, bytes);
+            EXPECT_EQ(downloaded<std::byte>(device, buffer), bytes);
             // The last third replaced, and read alone.
             const std::size_t offset = size - size / 3;
             const std::vector<std::byte> end = random_bytes(size / 3, 2);
-            upload(device(), buffer, end, offset);
+            upload(device, buffer, end, offset);
             std::vector<std::byte> back(end.size());
-            download(device(), buffer, back, offset);
+            download(device, buffer, back, offset);
             EXPECT_EQ(back, end);
             std::vector<std::byte> start(offset);
-            download(device(), buffer, start);
+            download(device, buffer, start);
             EXPECT_TRUE(std::equal(start.begin(), start.end(), bytes.begin()));
         }
+}
+
+TEST_F(VulkanLayer, BytesComeBackForEveryKindSizeAndOffset) {
+    expect_round_trips(device(), {BufferKind::device, BufferKind::upload, BufferKind::readback},
+                       {1, 3, 4097, 1'000'003});
+}
+
+TEST_F(VulkanLayer, BytesComeBackThroughStaging) {
+    const Device discrete({.validate = true, .stage_all = true});
+    EXPECT_TRUE(Buffer(discrete, 16).mapped().empty());
+    expect_round_trips(discrete, {BufferKind::device}, {1, 3, 4097, 70'000'001});  // the last in two parts
+    EXPECT_EQ(discrete.bytes_held(), 0U);
+    EXPECT_EQ(discrete.validation_messages(), std::vector<std::string>{});
 }
 
 TEST_F(VulkanLayer, CopiesAndFillsReachTheirBytesOnly) {
@@ -168,8 +211,8 @@ TEST_F(VulkanLayer, CopiesAndFillsReachTheirBytesOnly) {
     commands.submit_and_wait();
     const std::vector<std::byte> back = downloaded<std::byte>(device(), to);
     for (std::size_t i = 0; i < 1000; ++i) {
-        const std::byte expected = i >= 101 && i < 434 ? bytes[i - 101 + 7] : static_cast<std::byte>(i % 4 + 1);
-        ASSERT_EQ(back[i], expected) << i;
+        const bool copied = i >= 101 && i < 101 + 333;
+        ASSERT_EQ(back[i], copied ? bytes[i - 101 + 7] : static_cast<std::byte>(i % 4 + 1)) << i;
     }
 }
 
@@ -215,17 +258,21 @@ TEST_F(VulkanLayer, ABufferThatDoesNotFitIsARunErrorWithBytesAskedAndTheHeap) {
 }
 
 TEST_F(VulkanLayer, TheDeviceMayGoBeforeWhatItMade) {
-    std::optional<Device> first;
-    first.emplace(DeviceOptions{.validate = true});
-    Buffer buffer(*first, 16, BufferKind::readback);
-    Kernel kernel = probe(*first, affine);
-    Commands commands(*first);
-    first.reset();
-    commands.fill(buffer, 0, 16, 5);
-    commands.barrier();
-    commands.dispatch(kernel, ProbePush{buffer.address(), 4, 2, 1, 0}, {});
-    commands.submit_and_wait();
-    EXPECT_EQ(static_cast<int>(buffer.mapped()[4]), 11);
+    testing::internal::CaptureStderr();
+    {
+        std::optional<Device> first;
+        first.emplace(DeviceOptions{.validate = true});
+        const Buffer buffer(*first, 16, BufferKind::readback);
+        const Kernel kernel = probe(*first, affine);
+        Commands commands(*first);
+        first.reset();
+        commands.fill(buffer, 0, 16, 5);
+        commands.barrier();
+        commands.dispatch(kernel, ProbePush{buffer.address(), 4, 2, 1, 0}, {});
+        commands.submit_and_wait();
+        for (const std::size_t i : {0U, 4U, 8U, 12U}) EXPECT_EQ(std::to_integer<int>(buffer.mapped()[i]), 11);
+    }
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
 }
 
 // Kernels
@@ -241,11 +288,13 @@ TEST_F(VulkanLayer, AddressesReachBeyondTheLargestBinding) {
     commands.dispatch(kernel, ProbePush{buffer.address(), kCount, 2, 0, 0}, device().groups_for(kCount, 64));
     commands.submit_and_wait();
     download(device(), buffer, std::as_writable_bytes(std::span(values)));
-    for (std::uint32_t i = 0; i < kCount; ++i) ASSERT_EQ(values[i], 2 * i);
+    int wrong = 0;
+    for (std::uint32_t i = 0; i < kCount; ++i) wrong += values[i] != 2 * i ? 1 : 0;
+    EXPECT_EQ(wrong, 0);
 }
 
 TEST_F(VulkanLayer, GroupsForHasEveryInvocationOnce) {
-    // More groups than a row holds on most devices, and an odd count: no invocation is left out or comes twice.
+    // More groups than a row holds on most devices, and an odd count: none is left out or comes twice.
     const std::uint32_t count = 65535U * 8 * 3 + 13;
     const Groups groups = device().groups_for(count, 8);
     EXPECT_GE(std::uint64_t{groups.x} * groups.y * groups.z * 8, count);
@@ -263,15 +312,16 @@ TEST_F(VulkanLayer, GroupsForHasEveryInvocationOnce) {
 TEST_F(VulkanLayer, SpecialisationAndPushConstantsReachTheShader) {
     const Buffer buffer(device(), 400);
     Commands commands(device());
-    // Workgroups of one, of seven and of 64 (constant 0); the push constants of each dispatch are its own.
     commands.fill(buffer, 0, 400, 1);
-    std::uint32_t expected = 1;
+    // Workgroups of several sizes (constant 0); the push constants of each dispatch are its own.
+    const std::uint32_t sizes[] = {1, 7, 64};
     std::vector<Kernel> kernels;
-    for (const std::uint32_t size : {1U, 7U, 64U}) kernels.push_back(probe(device(), affine, size));
+    for (const std::uint32_t size : sizes) kernels.push_back(probe(device(), affine, size));
+    std::uint32_t expected = 1;
     for (std::uint32_t k = 0; k < 3; ++k) {
         commands.barrier();
-        const std::uint32_t sizes[] = {1, 7, 64};
-        commands.dispatch(kernels[k], ProbePush{buffer.address(), 100, k + 2, 10 * k, 0}, device().groups_for(100, sizes[k]));
+        commands.dispatch(kernels[k], ProbePush{buffer.address(), 100, k + 2, 10 * k, 0},
+                          device().groups_for(100, sizes[k]));
         expected = expected * (k + 2) + 10 * k;
     }
     commands.submit_and_wait();
@@ -286,7 +336,8 @@ TEST_F(VulkanLayer, SixtyFourBitAtomicMinimumIsThatOfTheHost) {
         Commands commands(device());
         commands.fill(buffer, 0, buffer.bytes(), 0xffffffffU);
         commands.barrier();
-        commands.dispatch(kernel, ProbePush{buffer.address(), kCount, 0, 0, places}, device().groups_for(kCount, 64));
+        commands.dispatch(kernel, ProbePush{buffer.address(), kCount, 0, 0, places},
+                          device().groups_for(kCount, 64));
         commands.submit_and_wait();
         std::vector<std::uint64_t> minima(places, ~std::uint64_t{0});
         for (std::uint32_t i = 0; i < kCount; ++i)
@@ -304,7 +355,8 @@ TEST_F(VulkanLayer, StageTimesAreSummedByNameAndWithinTheWallClock) {
     for (int submission = 0; submission < 2; ++submission) {
         for (int i = 0; i < 700; ++i) {  // 1400 marks
             commands.begin_stage(i % 2 == 0 ? "even" : "odd");
-            commands.dispatch(kernel, ProbePush{buffer.address(), 1000, 1, 1, 0}, device().groups_for(1000, 64));
+            commands.dispatch(kernel, ProbePush{buffer.address(), 1000, 1, 1, 0},
+                              device().groups_for(1000, 64));
             commands.barrier();
             commands.end_stage();
         }

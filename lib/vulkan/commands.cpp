@@ -10,7 +10,8 @@ namespace {
 /// Timestamps in a pool; a list of commands has as many pools as it needs.
 constexpr std::uint32_t kPoolMarks = 512;
 
-constexpr VkPipelineStageFlags2 kWork = VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_2_ALL_TRANSFER_BIT;
+constexpr VkPipelineStageFlags2 kWork =
+    VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_2_ALL_TRANSFER_BIT;
 constexpr VkAccessFlags2 kReads = VK_ACCESS_2_SHADER_READ_BIT | VK_ACCESS_2_TRANSFER_READ_BIT;
 constexpr VkAccessFlags2 kWrites = VK_ACCESS_2_SHADER_WRITE_BIT | VK_ACCESS_2_TRANSFER_WRITE_BIT;
 
@@ -91,17 +92,19 @@ std::vector<StageTime> Commands::State::stage_times() const {
     std::vector<std::uint64_t> ticks(marks);
     for (std::uint32_t first = 0; first < marks; first += kPoolMarks) {
         const std::uint32_t count = std::min(kPoolMarks, marks - first);
-        check(vkGetQueryPoolResults(context->device, mark_pools[first / kPoolMarks], 0, count, count * sizeof(ticks[0]),
-                                    ticks.data() + first, sizeof(ticks[0]),
+        check(vkGetQueryPoolResults(context->device, mark_pools[first / kPoolMarks], 0, count,
+                                    count * sizeof(ticks[0]), ticks.data() + first, sizeof(ticks[0]),
                                     VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
               "vkGetQueryPoolResults");
     }
+    const double tick_s = 1e-9 * static_cast<double>(context->limits.timestampPeriod);
     std::vector<StageTime> times;
     for (std::size_t i = 0; i < stage_names.size(); ++i) {
         const std::uint64_t took = (ticks[2 * i + 1] - ticks[2 * i]) & context->timestamp_mask;
-        auto at = std::find_if(times.begin(), times.end(), [&](const StageTime& t) { return t.name == stage_names[i]; });
+        const auto is_this = [&](const StageTime& t) { return t.name == stage_names[i]; };
+        auto at = std::find_if(times.begin(), times.end(), is_this);
         if (at == times.end()) at = times.insert(at, {stage_names[i], 0});
-        at->seconds += 1e-9 * static_cast<double>(context->limits.timestampPeriod) * static_cast<double>(took);
+        at->seconds += tick_s * static_cast<double>(took);
     }
     return times;
 }
@@ -135,9 +138,8 @@ void Commands::dispatch(const Kernel& kernel, std::span<const std::byte> push, G
     if (groups.x == 0 || groups.y == 0 || groups.z == 0) return;
     VkCommandBuffer list = state_->open();
     vkCmdBindPipeline(list, VK_PIPELINE_BIND_POINT_COMPUTE, k.pipeline);
-    if (!push.empty())
-        vkCmdPushConstants(list, k.layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, static_cast<std::uint32_t>(push.size()),
-                           push.data());
+    if (k.push_bytes > 0)
+        vkCmdPushConstants(list, k.layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, k.push_bytes, push.data());
     vkCmdDispatch(list, groups.x, groups.y, groups.z);
 }
 
@@ -176,7 +178,7 @@ std::vector<StageTime> Commands::submit_and_wait() {
     assert(!s.in_stage);
     if (!s.recording) return {};
     // The host's reads of mapped memory wait for a fence, but see only what was made available to it.
-    memory_barrier(s.list, VK_PIPELINE_STAGE_2_HOST_BIT, VK_ACCESS_2_HOST_READ_BIT | VK_ACCESS_2_HOST_WRITE_BIT);
+    memory_barrier(s.list, VK_PIPELINE_STAGE_2_HOST_BIT, VK_ACCESS_2_HOST_READ_BIT);
     s.recording = false;
     check(vkEndCommandBuffer(s.list), "vkEndCommandBuffer");
 

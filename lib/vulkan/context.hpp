@@ -39,6 +39,7 @@ struct Context {
     VkQueue queue = VK_NULL_HANDLE;
     std::uint32_t queue_family = 0;
     std::uint64_t timestamp_mask = 0;
+    bool stage_all = false;
 
     DeviceInfo info;
     VkPhysicalDeviceLimits limits{};

@@ -18,9 +18,15 @@ namespace {
 
 constexpr const char* kValidationLayer = "VK_LAYER_KHRONOS_validation";
 
+template <class... Args>
+[[nodiscard]] Error device_error(fmt::format_string<Args...> format, Args&&... args) {
+    return {Failure::device, fmt::format(format, std::forward<Args>(args)...)};
+}
+
 // Instance
 
-VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT, VkDebugUtilsMessageTypeFlagsEXT,
+VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT,
+                                          VkDebugUtilsMessageTypeFlagsEXT,
                                           const VkDebugUtilsMessengerCallbackDataEXT* data, void* log) {
     ValidationLog& to = *static_cast<ValidationLog*>(log);
     std::string message = one_line(data->pMessage != nullptr ? data->pMessage : "", 2000);
@@ -37,12 +43,27 @@ VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT
     if (vkEnumerateInstanceLayerProperties(&count, nullptr) != VK_SUCCESS) return false;
     std::vector<VkLayerProperties> layers(count);
     if (vkEnumerateInstanceLayerProperties(&count, layers.data()) < 0) return false;
-    return std::any_of(layers.begin(), layers.end(),
-                       [](const VkLayerProperties& l) { return std::string_view(l.layerName) == kValidationLayer; });
+    return std::any_of(layers.begin(), layers.end(), [](const VkLayerProperties& layer) {
+        return std::string_view(layer.layerName) == kValidationLayer;
+    });
+}
+
+/// An instance that lives as long as the process, so that drivers (and the layer) stay loaded: to load them
+/// takes tens of milliseconds, and they forget some of their memory each time they are unloaded.
+void keep_loaded(bool validation_layer) {
+    static std::once_flag drivers, layer;
+    std::call_once(validation_layer ? layer : drivers, [&] {
+        auto create = structure<VkInstanceCreateInfo>(VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO);
+        create.enabledLayerCount = validation_layer ? 1 : 0;
+        create.ppEnabledLayerNames = &kValidationLayer;
+        VkInstance kept = VK_NULL_HANDLE;  // the loader knows it; a failure shows again where it matters
+        static_cast<void>(vkCreateInstance(&create, nullptr, &kept));
+    });
 }
 
 /// Into context.instance and context.messenger.
 [[nodiscard]] VkResult create_instance(Context& context, bool validate) {
+    keep_loaded(validate);
     auto application = structure<VkApplicationInfo>(VK_STRUCTURE_TYPE_APPLICATION_INFO);
     application.pApplicationName = "pellucid";
     application.apiVersion = VK_API_VERSION_1_3;
@@ -51,13 +72,16 @@ VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT
     if (!validate) return vkCreateInstance(&create, nullptr, &context.instance);
 
     // The messenger listens to the creation and the end of the instance too.
-    auto listen = structure<VkDebugUtilsMessengerCreateInfoEXT>(VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
+    auto listen = structure<VkDebugUtilsMessengerCreateInfoEXT>(
+        VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT);
     listen.messageSeverity =
         VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT;
-    listen.messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
+    listen.messageType =
+        VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT;
     listen.pfnUserCallback = on_message;
     listen.pUserData = &context.log;
-    const VkValidationFeatureEnableEXT synchronisation = VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
+    const VkValidationFeatureEnableEXT synchronisation =
+        VK_VALIDATION_FEATURE_ENABLE_SYNCHRONIZATION_VALIDATION_EXT;
     auto features = structure<VkValidationFeaturesEXT>(VK_STRUCTURE_TYPE_VALIDATION_FEATURES_EXT);
     features.pNext = &listen;
     features.enabledValidationFeatureCount = 1;
@@ -69,7 +93,8 @@ VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT
     create.ppEnabledLayerNames = &kValidationLayer;
     create.enabledExtensionCount = static_cast<std::uint32_t>(extensions.size());
     create.ppEnabledExtensionNames = extensions.data();
-    if (const VkResult result = vkCreateInstance(&create, nullptr, &context.instance); result != VK_SUCCESS) return result;
+    const VkResult result = vkCreateInstance(&create, nullptr, &context.instance);
+    if (result != VK_SUCCESS) return result;
     const auto create_messenger = reinterpret_cast<PFN_vkCreateDebugUtilsMessengerEXT>(
         vkGetInstanceProcAddr(context.instance, "vkCreateDebugUtilsMessengerEXT"));
     assert(create_messenger != nullptr);
@@ -78,20 +103,34 @@ VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlagBitsEXT
 
 // Physical devices
 
+/// Discrete before integrated before virtual GPUs, software last.
+constexpr int kSoftware = 3;
+[[nodiscard]] int rank(VkPhysicalDeviceType type) {
+    switch (type) {
+        case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU: return 0;
+        case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU: return 1;
+        case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU: return 2;
+        default: return kSoftware;
+    }
+}
+
 struct Candidate {
     VkPhysicalDevice physical = VK_NULL_HANDLE;
-    VkPhysicalDeviceType type = VK_PHYSICAL_DEVICE_TYPE_OTHER;
+    int rank = 0;
     DeviceInfo info;
     std::uint32_t queue_family = 0;
 };
 
 /// The features asked of every device, chained for a query or for vkCreateDevice. Not to be copied.
 struct Features {
-    VkPhysicalDeviceFeatures2 core = structure<VkPhysicalDeviceFeatures2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2);
-    VkPhysicalDeviceVulkan12Features v12 = structure<VkPhysicalDeviceVulkan12Features>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES);
-    VkPhysicalDeviceVulkan13Features v13 = structure<VkPhysicalDeviceVulkan13Features>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES);
+    VkPhysicalDeviceFeatures2 core{};
+    VkPhysicalDeviceVulkan12Features v12{};
+    VkPhysicalDeviceVulkan13Features v13{};
 
     Features() {
+        core.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
+        v12.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES;
+        v13.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES;
         core.pNext = &v12;
         v12.pNext = &v13;
     }
@@ -119,17 +158,19 @@ struct Features {
     vkGetPhysicalDeviceQueueFamilyProperties(physical, &count, nullptr);
     std::vector<VkQueueFamilyProperties> families(count);
     vkGetPhysicalDeviceQueueFamilyProperties(physical, &count, families.data());
-    for (std::uint32_t i = 0; i < count; ++i)
-        if ((families[i].queueFlags & VK_QUEUE_COMPUTE_BIT) != 0 && families[i].timestampValidBits > 0) return i;
+    for (std::uint32_t i = 0; i < count; ++i) {
+        const bool computes = (families[i].queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
+        if (computes && families[i].timestampValidBits > 0) return i;
+    }
     return std::nullopt;
 }
 
 [[nodiscard]] std::uint64_t largest_device_heap(VkPhysicalDevice physical) {
     VkPhysicalDeviceMemoryProperties memory;
     vkGetPhysicalDeviceMemoryProperties(physical, &memory);
-    std::uint64_t largest = 0;
+    VkDeviceSize largest = 0;
     for (const VkMemoryHeap& heap : std::span(memory.memoryHeaps, memory.memoryHeapCount))
-        if ((heap.flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) != 0) largest = std::max<std::uint64_t>(largest, heap.size);
+        if ((heap.flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) != 0) largest = std::max(largest, heap.size);
     return largest;
 }
 
@@ -139,22 +180,25 @@ struct Features {
     c.physical = physical;
     VkPhysicalDeviceProperties basic;
     vkGetPhysicalDeviceProperties(physical, &basic);
-    c.type = basic.deviceType;
     c.info.name = basic.deviceName;
-    c.info.is_gpu = c.type == VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU || c.type == VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU ||
-                    c.type == VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU;
+    c.rank = rank(basic.deviceType);
+    c.info.is_gpu = c.rank < kSoftware;
     c.info.max_workgroup_size = basic.limits.maxComputeWorkGroupInvocations;
     c.info.shared_bytes = basic.limits.maxComputeSharedMemorySize;
     c.info.heap_bytes = largest_device_heap(physical);
     if (basic.apiVersion < VK_API_VERSION_1_3) {
-        c.info.why_not = fmt::format("it has Vulkan {}.{}, 1.3 is needed", VK_API_VERSION_MAJOR(basic.apiVersion),
-                                     VK_API_VERSION_MINOR(basic.apiVersion));
+        c.info.why_not =
+            fmt::format("it has Vulkan {}.{}, 1.3 is needed", VK_API_VERSION_MAJOR(basic.apiVersion),
+                        VK_API_VERSION_MINOR(basic.apiVersion));
         return c;
     }
 
-    auto v13 = structure<VkPhysicalDeviceVulkan13Properties>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_PROPERTIES);
-    auto v12 = structure<VkPhysicalDeviceVulkan12Properties>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES);
-    auto v11 = structure<VkPhysicalDeviceVulkan11Properties>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES);
+    VkPhysicalDeviceVulkan13Properties v13{};
+    VkPhysicalDeviceVulkan12Properties v12{};
+    VkPhysicalDeviceVulkan11Properties v11{};
+    v13.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_PROPERTIES;
+    v12.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_PROPERTIES;
+    v11.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_PROPERTIES;
     auto properties = structure<VkPhysicalDeviceProperties2>(VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2);
     v12.pNext = &v13;
     v11.pNext = &v12;
@@ -195,16 +239,6 @@ struct Features {
     return text;
 }
 
-/// Discrete before integrated before virtual GPUs, software last.
-[[nodiscard]] int rank(VkPhysicalDeviceType type) {
-    switch (type) {
-        case VK_PHYSICAL_DEVICE_TYPE_DISCRETE_GPU: return 0;
-        case VK_PHYSICAL_DEVICE_TYPE_INTEGRATED_GPU: return 1;
-        case VK_PHYSICAL_DEVICE_TYPE_VIRTUAL_GPU: return 2;
-        default: return 3;
-    }
-}
-
 /// The best usable one whose name has `name` in it. Precondition: there are candidates.
 [[nodiscard]] Candidate choose(const std::vector<Candidate>& candidates, const std::string& name) {
     std::vector<Candidate> named;
@@ -213,15 +247,15 @@ struct Features {
     if (named.empty()) {
         std::vector<std::string> names;
         for (const Candidate& c : candidates) names.push_back(fmt::format("\"{}\"", c.info.name));
-        throw Error(Failure::device, one_line(fmt::format("no Vulkan device \"{}\"; there is {}", one_line(name, 100),
-                                                          fmt::join(names, ", ")), 1000));
+        throw device_error("no Vulkan device \"{}\"; there is {}", one_line(name, 100),
+                           fmt::join(names, ", "));
     }
     std::stable_sort(named.begin(), named.end(), [](const Candidate& a, const Candidate& b) {
-        return std::pair(!a.info.usable, rank(a.type)) < std::pair(!b.info.usable, rank(b.type));
+        return std::pair(!a.info.usable, a.rank) < std::pair(!b.info.usable, b.rank);
     });
     if (!named[0].info.usable)
-        throw Error(Failure::device,
-                    fmt::format("Vulkan device \"{}\" cannot be used: {}", named[0].info.name, named[0].info.why_not));
+        throw device_error("Vulkan device \"{}\" cannot be used: {}", named[0].info.name,
+                           named[0].info.why_not);
     return named[0];
 }
 
@@ -282,7 +316,8 @@ std::string result_name(VkResult result) {
 }
 
 void check(VkResult result, const char* call) {
-    if (result == VK_ERROR_DEVICE_LOST) throw run_error("{}: {}: device lost during the run", call, result_name(result));
+    if (result == VK_ERROR_DEVICE_LOST)
+        throw run_error("{}: {}: device lost during the run", call, result_name(result));
     if (result != VK_SUCCESS) throw run_error("{}: {}", call, result_name(result));
 }
 
@@ -306,17 +341,18 @@ std::vector<DeviceInfo> list_devices() {
 
 Device::Device(const DeviceOptions& options) : context_(std::make_shared<Context>()) {
     if (options.validate && !validation_layer_there())
-        throw Error(Failure::device,
-                    fmt::format("no layer {}: Debian has it in the package vulkan-validationlayers", kValidationLayer));
+        throw device_error("no layer {}; Debian has it in the package vulkan-validationlayers",
+                           kValidationLayer);
     if (const VkResult result = create_instance(*context_, options.validate); result != VK_SUCCESS)
-        throw Error(Failure::device, fmt::format("no Vulkan device: vkCreateInstance: {}", result_name(result)));
+        throw device_error("no Vulkan device: vkCreateInstance: {}", result_name(result));
     const std::vector<Candidate> candidates = find_candidates(context_->instance);
     if (candidates.empty())
-        throw Error(Failure::device, "no Vulkan device; Debian has a software device in the package mesa-vulkan-drivers");
+        throw device_error("no Vulkan device; Debian has one in software in the package mesa-vulkan-drivers");
     const Candidate chosen = choose(candidates, options.name);
     context_->physical = chosen.physical;
     context_->queue_family = chosen.queue_family;
     context_->info = chosen.info;
+    context_->stage_all = options.stage_all;
     read_limits(*context_);
     create_device(*context_);
 }

@@ -37,8 +37,9 @@ struct DeviceInfo {
 [[nodiscard]] std::vector<DeviceInfo> list_devices();
 
 struct DeviceOptions {
-    std::string name = {};  // part of a device's name in any case; several match, or empty: a real GPU first
-    bool validate = false;  // the Khronos validation layer with synchronisation validation
+    std::string name = {};   // part of a device's name in any case; several match, or empty: a real GPU first
+    bool validate = false;   // the Khronos validation layer with synchronisation validation
+    bool stage_all = false;  // buffers of kind `device` are never mapped, as on a GPU with memory of its own
 };
 
 /// Workgroups along x, y, z.
@@ -105,8 +106,8 @@ private:
 };
 
 struct KernelSettings {
-    std::uint32_t push_bytes = 0;                  // of push constants: <= 128, a multiple of 4
-    std::span<const std::uint32_t> constants = {};  // specialisation constants 0, 1, …: the bits of their values
+    std::uint32_t push_bytes = 0;                   // of push constants: <= 128, a multiple of 4
+    std::span<const std::uint32_t> constants = {};  // bits of the specialisation constants 0, 1, …
 };
 
 /// A compute shader ready to run; its entry point is `main`.
@@ -166,7 +167,9 @@ private:
 
 /// Host to device and back, whatever the buffer's kind: by its mapping, or else through another buffer
 /// of at most 64 MiB. Offset + size lie within the buffer.
-void upload(const Device& device, const Buffer& buffer, std::span<const std::byte> bytes, std::uint64_t offset = 0);
-void download(const Device& device, const Buffer& buffer, std::span<std::byte> bytes, std::uint64_t offset = 0);
+void upload(const Device& device, const Buffer& buffer, std::span<const std::byte> bytes,
+            std::uint64_t offset = 0);
+void download(const Device& device, const Buffer& buffer, std::span<std::byte> bytes,
+              std::uint64_t offset = 0);
 
 }  // namespace pellucid::vulkan

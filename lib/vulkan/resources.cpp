@@ -15,18 +15,21 @@ namespace {
 /// So much at a time where a buffer is not mapped: enough to hide the submission, small beside a heap.
 constexpr std::uint64_t kStagingBytes = std::uint64_t{64} << 20;
 
-constexpr VkMemoryPropertyFlags kHostMemory = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+constexpr VkMemoryPropertyFlags kHostMemory =
+    VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
 constexpr VkMemoryPropertyFlags kDeviceMemory = VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT;
 
 [[nodiscard]] bool shares_memory_with_host(const VkPhysicalDeviceMemoryProperties& memory) {
-    return std::all_of(memory.memoryHeaps, memory.memoryHeaps + memory.memoryHeapCount, [](const VkMemoryHeap& heap) {
+    const std::span heaps(memory.memoryHeaps, memory.memoryHeapCount);
+    return std::all_of(heaps.begin(), heaps.end(), [](const VkMemoryHeap& heap) {
         return (heap.flags & VK_MEMORY_HEAP_DEVICE_LOCAL_BIT) != 0;
     });
 }
 
 /// First type among `allowed` that has all of `wanted` and none of `unwanted`.
-[[nodiscard]] std::optional<std::uint32_t> memory_type(const VkPhysicalDeviceMemoryProperties& memory, std::uint32_t allowed,
-                                                       VkMemoryPropertyFlags wanted, VkMemoryPropertyFlags unwanted) {
+[[nodiscard]] std::optional<std::uint32_t> memory_type(const VkPhysicalDeviceMemoryProperties& memory,
+                                                       std::uint32_t allowed, VkMemoryPropertyFlags wanted,
+                                                       VkMemoryPropertyFlags unwanted) {
     for (std::uint32_t i = 0; i < memory.memoryTypeCount; ++i) {
         const VkMemoryPropertyFlags flags = memory.memoryTypes[i].propertyFlags;
         if ((allowed >> i & 1U) != 0 && (flags & wanted) == wanted && (flags & unwanted) == 0) return i;
@@ -91,7 +94,7 @@ Buffer::Buffer(const Device& device, std::uint64_t bytes, BufferKind kind) {
     s.bytes = bytes;
     Context& context = *s.context;
     const auto refuse = [&](const std::string& reason) {
-        return run_error("a buffer of {} bytes on \"{}\": {}; its heap has {} bytes, {} of them in use by other buffers",
+        return run_error("a buffer of {} bytes on \"{}\": {}; the heap has {} bytes, other buffers hold {}",
                          bytes, context.info.name, reason, context.info.heap_bytes, context.bytes_held);
     };
     if (bytes > context.info.largest_allocation)
@@ -127,7 +130,7 @@ Buffer::Buffer(const Device& device, std::uint64_t bytes, BufferKind kind) {
     where.buffer = s.buffer;
     s.address = vkGetBufferDeviceAddress(context.device, &where);
     const VkMemoryPropertyFlags has = context.memory.memoryTypes[allocate.memoryTypeIndex].propertyFlags;
-    if ((has & kHostMemory) == kHostMemory)
+    if ((has & kHostMemory) == kHostMemory && !(kind == BufferKind::device && context.stage_all))
         check_memory(vkMapMemory(context.device, s.memory, 0, VK_WHOLE_SIZE, 0, &s.mapped), "vkMapMemory");
 }
 
@@ -139,7 +142,8 @@ std::span<std::byte> Buffer::mapped() const {
     return {static_cast<std::byte*>(state_->mapped), static_cast<std::size_t>(state_->bytes)};
 }
 
-void upload(const Device& device, const Buffer& buffer, std::span<const std::byte> bytes, std::uint64_t offset) {
+void upload(const Device& device, const Buffer& buffer, std::span<const std::byte> bytes,
+            std::uint64_t offset) {
     assert(offset <= buffer.bytes() && bytes.size() <= buffer.bytes() - offset);
     if (bytes.empty()) return;
     if (const std::span<std::byte> mapped = buffer.mapped(); !mapped.empty()) {
