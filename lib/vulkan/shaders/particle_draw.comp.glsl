@@ -27,6 +27,7 @@ layout(buffer_reference, scalar) buffer Sums { PixelSums at[]; };
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     uint item_count;
+    uint first_item;
 };
 
 Vec3f texture_color(Material m, Particle q) {
@@ -90,7 +91,7 @@ void add(uint place, Particle q, ColorUnits c) {
 void main() {
     uint number = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
     if (number >= item_count) return;
-    DrawItem item = Items(setup.it.items).at[number];
+    DrawItem item = Items(setup.it.items).at[first_item + number];
     Particles particles = Particles(setup.it.particles);
     Pixels pixels = Pixels(setup.it.pixels);
     Keys keys = Keys(setup.it.keys);
