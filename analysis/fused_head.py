@@ -122,7 +122,7 @@ def draw_table(result: common.Result) -> None:
         return "" if np.isnan(value) else f"{value:.2f}"
 
     cells = [[f"{r.source}, {r.backend}" if r.source == "Pellucid" else r.source, r.scene, f"{r.resolution_px}²", r.repeats,
-              f"{r.particles:.3g}", f"{r.sampling_s:.0f}", seconds(r.draw_s), seconds(r.device_s), f"{r.frames_per_s:.2g}"]
+              f"{r.particles:.3g}", f"{r.sampling_s:.0f}", seconds(r.draw_s), seconds(r.device_s), f"{r.frames_per_s:.3g}"]
              for r in table.itertuples()]
     fig, ax = plt.subplots(figsize=(9.6, 0.5 + 0.3 * len(cells)))
     ax.set_axis_off()
