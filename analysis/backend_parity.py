@@ -64,7 +64,8 @@ def draw_parity(result: common.Result, table: pd.DataFrame) -> None:
         f"particle sets, {per_scene.particles.sum():.3g} particles, {per_scene.hits.sum():.3g} hits of pixels. Least share of equal winners "
         f"{right.winners_equal_share.min():.10g}, largest difference of a pixel's mean colour {worst:g} of 1/65535, over all timed runs. The "
         "sets called borders are thrown on and beside the borders of pixels and tiles, half of them at one depth: there the wrong twins "
-        "(float32 without the deciding integers; ties by the plain index) show. Orthographic views let float32 be right more often."))
+        "(float32 without the deciding integers; ties by the plain index) show."
+        + ("" if (table.implementation == "Vulkan").any() else " No Vulkan device took part.")))
 
 
 def draw_speed(result: common.Result, table: pd.DataFrame) -> None:
