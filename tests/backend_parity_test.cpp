@@ -17,7 +17,8 @@ using namespace testing_scenes;
 ParityScene ring_at(const char* camera) {
     const fs::path file = test_folder() / "ring.toml";
     put(file, std::string("[image]\nresolution = [90, 60]\n[camera]\nposition = [0.5, 1, 3]\n") + camera +
-                  "[[surface]]\nname = \"ring\"\nimplicit = \"torus\"\nopacity = 0.5\n[[surface]]\nname = \"ball\"\nimplicit = \"sphere\"\n"
+                  "[[surface]]\nname = \"ring\"\nimplicit = \"torus\"\nopacity = 0.5\n[[surface]]\nname = "
+                  "\"ball\"\nimplicit = \"sphere\"\n"
                   "scale = 0.4\nopacity = 0.6\ncolor = [0.1, 0.8, 0.3]\n");
     std::string why_not;
     auto scene = sample_parity_scene(file, 90, 4, {1}, why_not);
@@ -26,7 +27,9 @@ ParityScene ring_at(const char* camera) {
 }
 
 ParityDifference difference_of(const ParityStage& stage, const ParityScene& scene, DrawFault fault) {
-    return run_parity(stage, scene, {parity_implementations({}).front(), faulty_implementation("twin", fault)}, 0, {})[1].difference;
+    return run_parity(stage, scene,
+                      {parity_implementations({}).front(), faulty_implementation("twin", fault)}, 0, {})[1]
+        .difference;
 }
 
 /// The fast drawer, but the first winner of each repeat is forgotten.
@@ -40,7 +43,9 @@ public:
     [[nodiscard]] std::vector<Winners> winners(const ParticleSet& set) override {
         std::vector<Winners> all = right_->winners(set);
         for (Winners& repeat : all)
-            if (const auto won = std::ranges::find_if(repeat, [](auto p) { return p != kNoPixel; }); won != repeat.end()) *won = kNoPixel;
+            if (const auto won = std::ranges::find_if(repeat, [](auto p) { return p != kNoPixel; });
+                won != repeat.end())
+                *won = kNoPixel;
         return all;
     }
     [[nodiscard]] std::int64_t bytes() const override { return 0; }
@@ -89,7 +94,8 @@ TEST(BackendParity, CountsWhatDiffers) {
 
     const auto winners = run_parity(parity_stages()[0], scene, both, 2, {1});
     EXPECT_EQ(winners[1].difference.different, 4U);
-    EXPECT_DOUBLE_EQ(winners[1].difference.winners_equal_share.value(), 1 - 4.0 / static_cast<double>(winners[0].difference.hits));
+    EXPECT_DOUBLE_EQ(winners[1].difference.winners_equal_share.value(),
+                     1 - 4.0 / static_cast<double>(winners[0].difference.hits));
     EXPECT_EQ(winners[1].wall_s.size(), 2U);
     EXPECT_NE(winners[0].hash, winners[1].hash);
     EXPECT_EQ(winners[0].difference.different, 0U);
@@ -112,8 +118,9 @@ TEST(BackendParity, EveryInstructionSetIsThereOnce) {
 
 TEST(BackendParity, AVolumeThatIsNotThereIsNamed) {
     const fs::path file = test_folder() / "gone.toml";
-    put(file, "[image]\nresolution = [90, 60]\n[camera]\nposition = [0, 0, 3]\n[[surface]]\nname = \"skin\"\n"
-              "isosurface = { volume = \"gone.nrrd\", isovalue = 1 }\n");
+    put(file,
+        "[image]\nresolution = [90, 60]\n[camera]\nposition = [0, 0, 3]\n[[surface]]\nname = \"skin\"\n"
+        "isosurface = { volume = \"gone.nrrd\", isovalue = 1 }\n");
     std::string why_not;
     EXPECT_FALSE(sample_parity_scene(file, 90, 4, {1}, why_not));
     EXPECT_NE(why_not.find("skin"), std::string::npos);
@@ -128,7 +135,8 @@ TEST(OpacityPatch, ADrawerThatDiffersIsNoticed) {
     drawers[0] = make_fast_drawer(scene);
     drawers[1] = make_faulty_drawer(scene, DrawFault::none);
     drawers[2] = std::make_unique<ForgetfulDrawer>(scene);
-    const auto draws = draw_patch(*patch, scene, samplers[0], drawers, {.count = 50, .repeats = 9, .seed = {1}});
+    const auto draws =
+        draw_patch(*patch, scene, samplers[0], drawers, {.count = 50, .repeats = 9, .seed = {1}});
     EXPECT_TRUE(draws[1].as_first);
     EXPECT_EQ(draws[1].rings[0].covered, draws[0].rings[0].covered);
     EXPECT_FALSE(draws[2].as_first);

@@ -53,7 +53,8 @@ ParityDifference compare_winners(const StageOutput& specified, const StageOutput
 
 std::uint64_t hash_winners(const StageOutput& output) {
     Fnv fnv;
-    for (const Winners& repeat : output.winners) fnv.add(repeat.data(), repeat.size() * sizeof(std::uint32_t));
+    for (const Winners& repeat : output.winners)
+        fnv.add(repeat.data(), repeat.size() * sizeof(std::uint32_t));
     return fnv.value();
 }
 
@@ -71,11 +72,13 @@ ParityDifference compare_colors(const StageOutput& specified, const StageOutput&
         const EnsembleSums::Pixel& there = other.sums->pixels[i];
         d.hits += here.covered;
         for (int c = 0; c < 3; ++c)
-            largest = std::max(largest, std::max(here.color[c], there.color[c]) - std::min(here.color[c], there.color[c]));
+            largest = std::max(
+                largest, std::max(here.color[c], there.color[c]) - std::min(here.color[c], there.color[c]));
         d.different += std::memcmp(&here, &there, sizeof(here)) != 0 ? 1U : 0U;
     }
     d.largest_sum_units = static_cast<double>(largest);
-    d.largest_mean_units = *d.largest_sum_units / static_cast<double>(std::max<std::uint64_t>(1, specified.sums->repeats));
+    d.largest_mean_units =
+        *d.largest_sum_units / static_cast<double>(std::max<std::uint64_t>(1, specified.sums->repeats));
     return d;
 }
 
@@ -94,7 +97,8 @@ void keep_larger(std::optional<double>& value, const std::optional<double>& othe
 [[nodiscard]] std::string obstacle(const Scene& scene) {
     if (const auto refusal = method_by_name("particles").refusal(scene)) return *refusal;
     for (const Surface& surface : scene.surfaces)
-        if (const auto* iso = std::get_if<IsosurfaceShape>(&surface.shape); iso != nullptr && !std::filesystem::exists(iso->volume))
+        if (const auto* iso = std::get_if<IsosurfaceShape>(&surface.shape);
+            iso != nullptr && !std::filesystem::exists(iso->volume))
             return fmt::format("surface \"{}\": volume {} is not there", surface.name, iso->volume.string());
     return {};
 }
@@ -129,19 +133,21 @@ public:
 
 }  // namespace
 
-std::optional<ParityScene> sample_parity_scene(const std::filesystem::path& file, int height_px, std::uint32_t repeats, Seed seed,
-                                               std::string& why_not) {
+std::optional<ParityScene> sample_parity_scene(const std::filesystem::path& file, int height_px,
+                                               std::uint32_t repeats, Seed seed, std::string& why_not) {
     Scene scene = load_scene(file);
     why_not = obstacle(scene);
     if (!why_not.empty()) return std::nullopt;
-    scene.image.width = std::max(1, static_cast<int>(std::lround(1.0 * height_px * scene.image.width / scene.image.height)));
+    scene.image.width =
+        std::max(1, static_cast<int>(std::lround(1.0 * height_px * scene.image.width / scene.image.height)));
     scene.image.height = height_px;
     auto prepared = std::make_unique<const PreparedScene>(prepare(scene));
     ParticleSet particles = sample_particles(*prepared, make_samplers(*prepared), {.seed = seed}, 0, repeats);
     return ParityScene{file.stem().string(), std::move(prepared), std::move(particles)};
 }
 
-ParityScene make_border_scene(const ParityScene& like, std::uint32_t particles_a_repeat, std::uint32_t repeats, Seed seed) {
+ParityScene make_border_scene(const ParityScene& like, std::uint32_t particles_a_repeat,
+                              std::uint32_t repeats, Seed seed) {
     auto prepared = std::make_unique<const PreparedScene>(prepare(like.scene->settings));
     const Camera& camera = prepared->camera;
     const ParticleFrame frame(camera);
@@ -157,7 +163,8 @@ ParityScene make_border_scene(const ParityScene& like, std::uint32_t particles_a
         for (std::uint32_t i = 0; i < particles_a_repeat; ++i) {
             // A corner of a pixel, or of a tile; from it 0.5 to 5e-9 pixels off.
             const double step = i % 3 == 0 ? twin::kTileSide : 1;
-            Vec2 at(std::round(camera.width() * unit() / step) * step, std::round(camera.height() * unit() / step) * step);
+            Vec2 at(std::round(camera.width() * unit() / step) * step,
+                    std::round(camera.height() * unit() / step) * step);
             at += std::pow(10.0, -8 * unit()) * Vec2(unit() - 0.5, unit() - 0.5);
             const double z = camera.near() + (camera.far() - camera.near()) * (i % 2 == 0 ? 0.5 : unit());
             const Vec2 side = (at - camera.center()) * camera.pixel_size() * (camera.perspective() ? z : 1);
@@ -165,7 +172,8 @@ ParityScene make_border_scene(const ParityScene& like, std::uint32_t particles_a
         }
         set.repeats.push_back(sort_by_tile(particles, ends, frame.projection(camera)));
     }
-    return {camera.perspective() ? "borders, perspective" : "borders, orthographic", std::move(prepared), std::move(set)};
+    return {camera.perspective() ? "borders, perspective" : "borders, orthographic", std::move(prepared),
+            std::move(set)};
 }
 
 void Implementation::with(const std::function<void()>& run) const {
@@ -177,31 +185,41 @@ void Implementation::with(const std::function<void()>& run) const {
 std::vector<Implementation> parity_implementations(const std::vector<Backend>& backends) {
     const std::string cpu = host_info().cpu;
     const int all = thread_count();
-    std::vector<Implementation> list{{"plain CPU", cpu, 1, 0, make_plain_drawer}, {"plain CPU", cpu, all, 0, make_plain_drawer}};
+    std::vector<Implementation> list{{"plain CPU", cpu, 1, 0, make_plain_drawer},
+                                     {"plain CPU", cpu, all, 0, make_plain_drawer}};
     for (const Backend& backend : backends) {
         if (backend.on_device()) {
-            list.push_back({"Vulkan", backend.device_name(), all, 0,
-                            [backend](const PreparedScene& scene) { return backend.make_particle_drawer(scene); }});
+            list.push_back({"Vulkan", backend.device_name(), all, 0, [backend](const PreparedScene& scene) {
+                                return backend.make_particle_drawer(scene);
+                            }});
             continue;
         }
         const std::vector<std::int64_t> targets = hwy::SupportedAndGeneratedTargets();  // the best one first
-        const auto name = [](std::int64_t target) { return fmt::format("fast CPU, {}", hwy::TargetName(target)); };
+        const auto name = [](std::int64_t target) {
+            return fmt::format("fast CPU, {}", hwy::TargetName(target));
+        };
         list.push_back({name(targets.front()), cpu, 1, targets.front(), make_fast_drawer});
-        for (const std::int64_t target : targets) list.push_back({name(target), cpu, all, target, make_fast_drawer});
+        for (const std::int64_t target : targets)
+            list.push_back({name(target), cpu, all, target, make_fast_drawer});
     }
     // One core: what differs in its threads alone is the same.
     for (std::size_t i = 1; i < list.size();) {
-        const bool known = std::any_of(list.begin(), list.begin() + static_cast<std::ptrdiff_t>(i), [&](const Implementation& each) {
-            return each.name == list[i].name && each.device == list[i].device && each.threads == list[i].threads;
-        });
-        if (known) list.erase(list.begin() + static_cast<std::ptrdiff_t>(i));
-        else ++i;
+        const bool known = std::any_of(
+            list.begin(), list.begin() + static_cast<std::ptrdiff_t>(i), [&](const Implementation& each) {
+                return each.name == list[i].name && each.device == list[i].device &&
+                       each.threads == list[i].threads;
+            });
+        if (known)
+            list.erase(list.begin() + static_cast<std::ptrdiff_t>(i));
+        else
+            ++i;
     }
     return list;
 }
 
 Implementation faulty_implementation(const std::string& name, DrawFault fault) {
-    return {name, host_info().cpu, 1, 0, [fault](const PreparedScene& scene) { return make_faulty_drawer(scene, fault); }};
+    return {name, host_info().cpu, 1, 0,
+            [fault](const PreparedScene& scene) { return make_faulty_drawer(scene, fault); }};
 }
 
 void ParityDifference::merge(const ParityDifference& other) {
@@ -235,8 +253,10 @@ std::vector<ParityRow> run_parity(const ParityStage& stage, const ParityScene& s
             StageOutput output = stage.run(*drawers[i], scene);
             rows[i].hash = stage.hash(output);
             rows[i].device_s = drawers[i]->device_times();
-            if (i == 0) specified = std::move(output);
-            else rows[i].difference = stage.compare(specified, output);
+            if (i == 0)
+                specified = std::move(output);
+            else
+                rows[i].difference = stage.compare(specified, output);
         });
         order.push_back(i);
     }
@@ -254,7 +274,8 @@ std::vector<ParityRow> run_parity(const ParityStage& stage, const ParityScene& s
     }
     for (std::size_t i = 0; i < rows.size(); ++i) {
         std::vector<StageTime> times = drawers[i]->device_times();
-        for (StageTime& time : times) time.device_s = runs > 0 ? (time.device_s - time_of(rows[i].device_s, time.name)) / runs : 0;
+        for (StageTime& time : times)
+            time.device_s = runs > 0 ? (time.device_s - time_of(rows[i].device_s, time.name)) / runs : 0;
         rows[i].device_s = std::move(times);
     }
     return rows;

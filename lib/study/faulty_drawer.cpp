@@ -24,8 +24,10 @@ public:
             for (std::uint32_t i = 0; i < all[r].size(); ++i) {
                 if (all[r][i] == kNoPixel) continue;
                 const RepeatParticles& repeat = set.repeats[r];
-                const twin::ColorUnits c = shade_particle(shading_, repeat.bin_of(i) % set.objects, repeat.particles[i]);
-                EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue}, .covered = 1,
+                const twin::ColorUnits c =
+                    shade_particle(shading_, repeat.bin_of(i) % set.objects, repeat.particles[i]);
+                EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue},
+                                        .covered = 1,
                                         .depth = twin::floatBitsToUint(repeat.particles[i].above_near)};
                 for (int k = 0; k < 3; ++k) one.square[k] = one.color[k] * one.color[k];
                 sums.pixels[all[r][i]].add(one);
@@ -59,7 +61,8 @@ private:
             if (at.column < 0) continue;
             const std::uint32_t order = fault_ == DrawFault::ties_by_index ? i : twin::scramble_index(i);
             const Held mine{(std::uint64_t{at.depth} << 32U) | order, i};
-            const auto [held, fresh] = nearest.try_emplace(static_cast<std::uint32_t>(at.row) * width_ + static_cast<std::uint32_t>(at.column), mine);
+            const auto [held, fresh] = nearest.try_emplace(
+                static_cast<std::uint32_t>(at.row) * width_ + static_cast<std::uint32_t>(at.column), mine);
             if (!fresh && mine.key < held->second.key) held->second = mine;
         }
         Winners winners(repeat.particles.size(), kNoPixel);
