@@ -116,19 +116,30 @@ def draw_bias(result: common.Result, n) -> None:
 
 def draw_table(result: common.Result) -> None:
     table = result.tables["table"]
-    cells = [[r.source, r.scene, f"{r.resolution_px}²", r.repeats, f"{r.particles:.3g}", f"{r.sampling_s:.0f}",
-              "" if np.isnan(r.draw_s) else f"{r.draw_s:.2f}", f"{r.frames_per_s:.2g}"] for r in table.itertuples()]
-    fig, ax = plt.subplots(figsize=(9, 1.7))
+    ours = table[table.source == "Pellucid"]
+
+    def seconds(value: float) -> str:
+        return "" if np.isnan(value) else f"{value:.2f}"
+
+    cells = [[f"{r.source}, {r.backend}" if r.source == "Pellucid" else r.source, r.scene, f"{r.resolution_px}²", r.repeats,
+              f"{r.particles:.3g}", f"{r.sampling_s:.0f}", seconds(r.draw_s), seconds(r.device_s), f"{r.frames_per_s:.3g}"]
+             for r in table.itertuples()]
+    fig, ax = plt.subplots(figsize=(9.6, 0.5 + 0.3 * len(cells)))
     ax.set_axis_off()
-    drawn = ax.table(cells, colLabels=["source", "scene", "pixels", "L_R", "particles", "sampling, s", "drawing, s", "frames/s"],
-                     loc="center", cellLoc="right", colWidths=[0.13, 0.27, 0.09, 0.07, 0.12, 0.12, 0.11, 0.1], edges="horizontal")
+    labels = ["source", "scene", "pixels", "$L_R$", "particles", "sampling, s", "drawing, s", "on device, s", "frames/s"]
+    drawn = ax.table(cells, colLabels=labels, loc="center", cellLoc="right",
+                     colWidths=[0.15, 0.25, 0.08, 0.06, 0.1, 0.11, 0.1, 0.11, 0.08], edges="horizontal")
     drawn.scale(1, 1.35)
     for (_, column), cell in drawn.get_celld().items():
         if column < 2:
             cell.get_text().set_horizontalalignment("left")
+    devices = "; ".join(f"{r.backend} on {r.device}" for r in ours.dropna(subset="device").itertuples())
+    equal = "".join(f"; {check['name']}: {check['value']:.0f}" for check in result.summary["checks"]
+                    if "pixels that differ" in check["name"])
     common.save(fig, result.folder, "table", caption=(
-        "The table of the 2012 paper and ours. Theirs: sampled on an i7-980, drawn on a GTX 580, all L_R repeats in a frame. Ours: both on the "
-        f"{result.summary['host']['cpu']}, {result.summary['host']['threads']} threads; drawing projects, shades and averages all repeats."))
+        "The table of the 2012 paper and ours. Theirs: sampled on an i7-980, drawn on a GTX 580, all L_R repeats in a frame. Ours: the "
+        f"{result.summary['host']['cpu']}, {result.summary['host']['threads']} threads"
+        f"{'; ' + devices if devices else ''}{equal}. Drawing projects, shades and averages all repeats, transfers included."))
 
 
 def main() -> None:

@@ -28,6 +28,8 @@ EMPTY = pd.DataFrame(columns=["shape", "projection", "ratio", "count", "tilt_deg
 def rows_measured(result: common.Result) -> pd.DataFrame:
     """Rows that were drawn and tested, with `sigma` of their opacity."""
     table = result.tables.get("opacity", EMPTY)
+    if len(table):  # every backend drew the same particles, and equal numbers: the first one's
+        table = table[table.backend == table.backend.iloc[0]]
     rows = EMPTY if table.empty else common.measured(table, "ratio", "count", "repeats", "pixels_measured",
                                                      "alpha_drawn", "alpha_theory", "variance_theory", "z_score")
     return rows.assign(sigma=np.sqrt(rows.variance_theory / rows.repeats))

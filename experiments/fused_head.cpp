@@ -1,6 +1,7 @@
 // Does a head, skin and brain fused from opaque particles, equal its ray-traced truth but for the noise of theory?
 // configs/fused_head.toml, scenes/fused_head.toml -> results/fused_head/ -> analysis/fused_head.py
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "core/error.hpp"
@@ -16,6 +17,7 @@ using namespace pellucid;
 namespace {
 
 struct Settings {
+    std::vector<std::string> backends;
     std::filesystem::path scene;
     std::vector<std::int64_t> resolution;
     std::uint32_t repeats, twin_repeats;
@@ -28,7 +30,11 @@ Settings read_settings(const ConfigTable& t) {
     const auto truth = [&](PixelFilter filter, const char* error, const char* samples) {
         return TruthSettings{filter, {}, t.number(error, kRequired, above(0)), static_cast<int>(count(samples, 64))};
     };
-    return {t.file("scene"), t.integers("resolution", kRequired, {1, 1 << 15}, exactly(2)),
+    const std::vector<std::string> backends = t.texts("backends", kRequired);
+    for (const std::string& backend : backends)
+        if (backend != "cpu" && backend != "vulkan")
+            throw t.error("backends", fmt::format("holds \"{}\", expected \"cpu\", \"vulkan\"", backend));
+    return {backends, t.file("scene"), t.integers("resolution", kRequired, {1, 1 << 15}, exactly(2)),
             static_cast<std::uint32_t>(count("repeats", 2)), static_cast<std::uint32_t>(count("twin_repeats", 2)),
             truth(PixelFilter::particle, "truth_error", "truth_samples"), truth(PixelFilter::box, "box_error", "box_samples"),
             t.number("largest_error_share", kRequired, above(0)), t.number("twin_error", kRequired, above(0)),
@@ -53,15 +59,28 @@ Scene read_scene(Experiment& ex, const Settings& s) {
 /// The drawing, its exact expectation, what a perfect camera would see, and a wrong twin of the drawing.
 struct Pictures {
     Image drawn, one_set, truth, box;
-    RenderStats stats;
+    std::vector<RenderStats> stats;  // of the drawing, one a backend
     TruthStats truth_stats;
 };
 
+/// Pixels of which any plane's bits differ.
+std::size_t pixels_that_differ(const Image& a, const Image& b) {
+    std::vector<bool> differs(a.plane("A").size(), false);
+    for (const std::string& name : a.names()) {
+        const std::span<const float> one = a.plane(name);
+        const std::span<const float> other = b.plane(name);
+        for (std::size_t i = 0; i < one.size(); ++i)
+            if (std::bit_cast<std::uint32_t>(one[i]) != std::bit_cast<std::uint32_t>(other[i])) differs[i] = true;
+    }
+    return static_cast<std::size_t>(std::count(differs.begin(), differs.end(), true));
+}
+
 Pictures make_pictures(Experiment& ex, const PreparedScene& scene, const Settings& s) {
     Pictures p;
-    const auto draw = [&](const std::string& name, std::uint32_t repeats, bool same_set, RenderStats& stats) {
+    const std::vector<Backend>& backends = ex.backends(s.backends);
+    const auto draw = [&](const std::string& name, const Backend& backend, std::uint32_t repeats, bool same_set, RenderStats& stats) {
         const auto stage = ex.stage(name);
-        ParticleSettings settings{.repeats = repeats, .sampler = {}, .max_error = {}};
+        ParticleSettings settings{.repeats = repeats, .sampler = {}, .max_error = {}, .backend = backend};
         settings.sampler.seed = ex.seed();
         settings.sampler.same_set_in_all_repeats = same_set;
         return render_particles(scene, settings, stats);
@@ -73,8 +92,14 @@ Pictures make_pictures(Experiment& ex, const PreparedScene& scene, const Setting
     };
     RenderStats twin_stats;
     TruthStats box_stats;
-    p.drawn = draw("particles", s.repeats, false, p.stats);
-    p.one_set = draw("wrong twin", s.twin_repeats, true, twin_stats);
+    for (const Backend& backend : backends) {
+        Image drawn = draw("particles, " + backend.name(), backend, s.repeats, false, p.stats.emplace_back());
+        if (p.stats.size() == 1) p.drawn = std::move(drawn);
+        else
+            ex.check(fmt::format("drawn by {} and by {}: pixels that differ", backends[0].name(), backend.name()),
+                     static_cast<double>(pixels_that_differ(p.drawn, drawn)), "==", 0);
+    }
+    p.one_set = draw("wrong twin", backends[0], s.twin_repeats, true, twin_stats);
     p.truth = trace("truth, particle filter", s.truth, 1, p.truth_stats);
     p.box = trace("truth, box filter", s.box_truth, 2, box_stats);
     return p;
@@ -137,16 +162,27 @@ Numbers test_color(Experiment& ex, const Settings& s, const Pictures& p, double 
             {"color_ratio_error", color.ratio_error}};
 }
 
-/// The paper's table (Tanaka et al. 2012, sec. 5) and ours.
+/// The paper's table (Tanaka et al. 2012, sec. 5) and ours, a row a backend.
 void write_table(Experiment& ex, const Settings& s, const Pictures& p) {
-    CsvWriter& table = ex.csv("table", {"source", "scene", "resolution_px", "repeats", "particles", "sampling_s",
-                                        "draw_s", "frames_per_s"});
-    table.row("Tanaka 2012", "breast, fig. 3 right", 1024, 500, 6.3e7, 3294, std::nullopt, 3.2);
-    table.row("Tanaka 2012", "organs, fig. 4 left", 1024, 500, 9.5e7, 3708, std::nullopt, 2.5);
-    table.row("Tanaka 2012", "dragon and wave, fig. 4 right", 1024, 500, 5.0e7, 1449, std::nullopt, 3.6);
-    const double sampling_s = p.stats.stages[0].wall_s + p.stats.stages[1].wall_s;
-    const double draw_s = p.stats.stages[2].wall_s;
-    table.row("Pellucid", "skin and brain", p.drawn.width(), s.repeats, p.stats.particles, sampling_s, draw_s, 1 / draw_s);
+    CsvWriter& table = ex.csv("table", {"source", "scene", "backend", "device", "resolution_px", "repeats", "particles",
+                                        "sampling_s", "draw_s", "device_s", "frames_per_s"});
+    const auto paper = [&](const char* scene, double particles, double sampling_s, double frames_per_s) {
+        table.row("Tanaka 2012", scene, "opengl", "GTX 580", 1024, 500, particles, sampling_s, std::nullopt, std::nullopt, frames_per_s);
+    };
+    paper("breast, fig. 3 right", 6.3e7, 3294, 3.2);
+    paper("organs, fig. 4 left", 9.5e7, 3708, 2.5);
+    paper("dragon and wave, fig. 4 right", 5.0e7, 1449, 3.6);
+    for (std::size_t i = 0; i < p.stats.size(); ++i) {
+        const Backend& backend = ex.backends()[i];
+        const std::vector<Stage>& stages = p.stats[i].stages;
+        const double sampling_s = stages[0].wall_s + stages[1].wall_s;
+        const double draw_s = stages[2].wall_s;
+        std::optional<double> device_s;
+        for (const Stage& stage : stages)
+            if (stage.device_s) device_s = device_s.value_or(0) + *stage.device_s;
+        table.row("Pellucid", "skin and brain", backend.name(), backend.device_name(), p.drawn.width(), s.repeats,
+                  p.stats[i].particles, sampling_s, draw_s, device_s, 1 / draw_s);
+    }
 }
 
 void run(Experiment& ex) {

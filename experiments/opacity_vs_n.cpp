@@ -52,11 +52,9 @@ Settings read_settings(const ConfigTable& config) {
         .family_level = config.number("family_level", kRequired, strictly_within(0, 1)),
     };
     (void)config.integer("seed", 1, {.lo = 0});
-    if (s.backends.size() > 1) throw config.error("backends", "holds more than there are: \"cpu\"");
-    for (const std::string& backend : s.backends) {
-        if (backend == "vulkan") throw Error(Failure::device, "backends: there is no Vulkan backend yet");
-        if (backend != "cpu") throw config.error("backends", fmt::format("holds \"{}\", expected \"cpu\"", backend));
-    }
+    for (const std::string& backend : s.backends)
+        if (backend != "cpu" && backend != "vulkan")
+            throw config.error("backends", fmt::format("holds \"{}\", expected \"cpu\", \"vulkan\"", backend));
     for (std::size_t i = 1; i < s.ring_edges_deg.size(); ++i)
         if (!(s.ring_edges_deg[i] > s.ring_edges_deg[i - 1])) throw config.error("ring_edges_deg", "does not rise");
     return s;
@@ -78,7 +76,7 @@ std::vector<PatchView> all_views(const Settings& s) {
 int main(int argc, char** argv) {
     return run_experiment(argc, argv, {"opacity_vs_n", "Do opaque particles obey alpha = 1 - (1 - s/S)^n?"}, [](Experiment& ex) {
         const Settings settings = ex.config(read_settings);
-        OpacityReport report(ex, settings.family_level);
+        OpacityReport report(ex, settings.family_level, ex.backends(settings.backends));
         const std::vector<PatchView> views = all_views(settings);
         const auto progress = ex.progress("patches", views.size());
         std::uint64_t row = 0;
@@ -86,13 +84,15 @@ int main(int argc, char** argv) {
             std::optional<OpacityPatch> patch;
             std::optional<PreparedScene> scene;
             std::vector<LineSampler> samplers;
+            std::vector<std::unique_ptr<ParticleDrawer>> drawers;
             if (const auto stage = ex.stage("patches"); (patch = make_opacity_patch(view, settings.ring_edges_deg))) {
                 scene = prepare(patch->scene);
                 samplers = make_samplers(*scene);
+                drawers = report.make_drawers(*scene);
             }
             for (const std::int64_t count : settings.counts)
                 for (const std::int64_t repeats : settings.repeats) {
-                    const OpacityRow entry{settings.backends.front(), view, count, repeats, derived_seed(ex.seed(), row++)};
+                    const OpacityRow entry{view, count, repeats, derived_seed(ex.seed(), row++)};
                     if (!patch) {
                         report.outside_theory(entry);
                         continue;
@@ -101,7 +101,7 @@ int main(int argc, char** argv) {
                     const auto clear = transmittance_from_count(static_cast<double>(count), {view.ratio, cos_tilt});
                     const bool measurable = clear.value_or(0) >= settings.least_transmittance &&
                                             static_cast<double>(count) * static_cast<double>(repeats) <= settings.row_particles;
-                    report.add(entry, *patch, *scene, samplers[0], measurable);
+                    report.add(entry, *patch, *scene, samplers[0], drawers, measurable);
                 }
             progress->step();
         }

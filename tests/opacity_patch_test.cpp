@@ -2,6 +2,7 @@
 
 #include <gtest/gtest.h>
 
+#include "cpu/fast_particles.hpp"
 #include "measure/opacity_theory.hpp"
 #include "study/opacity_patch.hpp"
 
@@ -68,10 +69,11 @@ TEST(OpacityPatch, FitsRejectParticlesTwoPixelsWide) {
     const auto patch = make_opacity_patch({.ratio = 1e-4}, kEdges);
     const PreparedScene scene = prepare(patch->scene);
     const auto samplers = make_samplers(scene);
+    const std::unique_ptr<ParticleDrawer> drawer[] = {make_fast_drawer(scene)};
     for (const DrawTwin twin : {DrawTwin::none, DrawTwin::two_pixels_wide}) {
         std::vector<OpacityPoint> points;
         for (const std::uint64_t count : {2000U, 7000U}) {
-            const RingDraw draw = draw_patch(*patch, scene, samplers[0], count, 20, {count}, twin)[0];
+            const RingDraw draw = draw_patch(*patch, scene, samplers[0], drawer, {count, 20, {count}, twin})[0].rings[0];
             points.push_back(fit_point(*patch, patch->rings[0], draw, static_cast<double>(count), 20));
         }
         const FitResult fit = fit_opacity(points, OpacityModel::effective_area, 0.999);
@@ -86,10 +88,11 @@ TEST(OpacityPatch, ErrorOverRepeatsRejectsASharedSet) {
     const auto patch = make_opacity_patch({.ratio = 1e-4}, kEdges);
     const PreparedScene scene = prepare(patch->scene);
     const auto samplers = make_samplers(scene);
+    const std::unique_ptr<ParticleDrawer> drawer[] = {make_fast_drawer(scene)};
     for (const DrawTwin twin : {DrawTwin::none, DrawTwin::shared_set}) {
         std::vector<ErrorPoint> points;
         for (const std::uint32_t repeats : {2U, 8U, 32U}) {
-            const RingDraw draw = draw_patch(*patch, scene, samplers[0], 7000, repeats, {repeats}, twin)[0];
+            const RingDraw draw = draw_patch(*patch, scene, samplers[0], drawer, {7000, repeats, {repeats}, twin})[0].rings[0];
             const auto pixels = static_cast<double>(draw.informative);
             points.push_back({static_cast<double>(repeats), std::sqrt(draw.squares / pixels),
                               0.5 * std::sqrt(draw.squares_variance) * repeats / pixels});

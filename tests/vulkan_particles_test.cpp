@@ -44,6 +44,25 @@ TEST_F(VulkanDrawer, StreamsWhatDoesNotFit) {
     EXPECT_TRUE(device.validation_messages().empty());
 }
 
+// Software devices end all loops of an invocation after 65535 rounds, without a word.
+TEST_F(VulkanDrawer, DrawsAnyNumberOfParticlesInOneTile) {
+    const vulkan::Device device({.validate = true});
+    const DrawerScene each{"one tile, opaque", prepare(scene_from("[image]\nresolution = [64, 64]\n[camera]\nposition = [0, 0, 3]\n"
+                           "fov_degrees = 20\n[[surface]]\nname = \"near\"\nrectangle = {}\nopacity = 0.9999\n[[surface]]\nname = \"far\"\n"
+                           "rectangle = { center = [0, 0, -1] }\nopacity = 0.9\n", test_folder())), 100};
+    ASSERT_GT(drawer_particles(each).count(), 5U * 65535U * 8U);
+    expect_vulkan_is_plain(device, each);
+    expect_vulkan_is_plain(device, each, {.workgroup_size = 1});
+}
+
+// … and so where the particles are few and the repeats many.
+TEST_F(VulkanDrawer, DrawsAnyNumberOfRepeats) {
+    const vulkan::Device device({.validate = true});
+    const DrawerScene each{"many repeats", prepare(scene_from("[image]\nresolution = [250, 250]\n[camera]\nposition = [0, 0, 3]\n"
+                           "[[surface]]\nname = \"a\"\nrectangle = {}\nopacity = 0.0001\n", test_folder())), 40000};
+    expect_vulkan_is_plain(device, each);
+}
+
 TEST_F(VulkanDrawer, DoesNotDependOnTheSizeOfWorkgroups) {
     const vulkan::Device device({.validate = true});
     const DrawerScene each = std::move(drawer_scenes()[1]);

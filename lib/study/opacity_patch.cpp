@@ -5,7 +5,6 @@
 #include <functional>
 
 #include "core/parallel.hpp"
-#include "cpu/plain_particles.hpp"
 
 namespace pellucid {
 namespace {
@@ -322,6 +321,73 @@ void find_rings(OpacityPatch& patch, const std::vector<double>& edges) {
     return ring;
 }
 
+/// Covered pixels of a patch, repeat by repeat, as one drawer drew them.
+class PatchCount {
+public:
+    explicit PatchCount(const OpacityPatch& patch)
+        : patch_(&patch),
+          ring_of_(static_cast<std::size_t>(patch.scene.image.width) * static_cast<std::size_t>(patch.scene.image.height), kNoRing),
+          times_covered_(ring_of_.size(), 0),
+          covered_(patch.rings.size()),
+          draws_(patch.rings.size()) {
+        for (std::size_t r = 0; r < patch.rings.size(); ++r)
+            for (const std::uint32_t pixel : patch.rings[r].members) ring_of_[pixel] = static_cast<std::uint8_t>(r);
+    }
+
+    /// Adds one repeat. No two winners share a pixel; those of the twin may.
+    void add(const Winners& winners, DrawTwin twin) {
+        hit_.clear();
+        for (const std::uint32_t pixel : winners)
+            if (pixel != kNoPixel) hit_.push_back(pixel);
+        if (twin == DrawTwin::two_pixels_wide) {
+            for (std::size_t i = 0, count = hit_.size(); i < count; ++i)
+                if (hit_[i] + 1 < ring_of_.size()) hit_.push_back(hit_[i] + 1);
+            std::sort(hit_.begin(), hit_.end());
+            hit_.erase(std::unique(hit_.begin(), hit_.end()), hit_.end());
+        }
+        std::fill(covered_.begin(), covered_.end(), 0);
+        for (const std::uint32_t pixel : hit_) {
+            if (ring_of_[pixel] == kNoRing) continue;
+            ++covered_[ring_of_[pixel]];
+            ++times_covered_[pixel];
+        }
+        for (std::size_t r = 0; r < draws_.size(); ++r) {
+            const auto members = static_cast<double>(patch_->rings[r].members.size());
+            if (members == 0) continue;
+            draws_[r].covered += covered_[r];
+            draws_[r].share.add(static_cast<double>(covered_[r]) / members);
+        }
+    }
+
+    /// Pixel by pixel: squared error of the ensemble mean in units of its Bernoulli variance.
+    [[nodiscard]] std::vector<RingDraw> finish(double count, double repeats) {
+        for (std::size_t r = 0; r < draws_.size(); ++r) {
+            const Ring& ring = patch_->rings[r];
+            for (std::size_t k = 0; k < ring.members.size(); ++k) {
+                const double alpha = -std::expm1(count * std::log1p(-std::min(ring.landing[k], 1.0)));
+                const double spread = alpha * (1 - alpha);
+                // Pixels that are nearly always clear or covered say nothing about the rate.
+                if (!(spread > 0.01)) continue;
+                const double off = times_covered_[ring.members[k]] / repeats - alpha;
+                draws_[r].squares += off * off / spread;
+                // Var of (x̄ − α)²·L/(α(1−α)) for a mean of L Bernoulli draws: 2 + (1/(α(1−α)) − 6)/L.
+                draws_[r].squares_variance += (2 + (1 / spread - 6) / repeats) / (repeats * repeats);
+                ++draws_[r].informative;
+            }
+        }
+        return std::move(draws_);
+    }
+
+private:
+    static constexpr std::uint8_t kNoRing = 255;
+    const OpacityPatch* patch_;
+    std::vector<std::uint8_t> ring_of_;
+    std::vector<std::uint32_t> times_covered_;
+    std::vector<std::int64_t> covered_;
+    std::vector<RingDraw> draws_;
+    std::vector<std::uint32_t> hit_;
+};
+
 }  // namespace
 
 std::optional<OpacityPatch> make_opacity_patch(const PatchView& view, const std::vector<double>& ring_edges_deg) {
@@ -353,62 +419,27 @@ CoveredShare ring_theory(const Ring& ring, double count) {
     return covered_share(count, ring.classes);
 }
 
-std::vector<RingDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene, const LineSampler& sampler,
-                                 std::uint64_t count, std::uint32_t repeats, Seed seed, DrawTwin twin) {
-    const std::size_t pixels = static_cast<std::size_t>(patch.scene.image.width) * static_cast<std::size_t>(patch.scene.image.height);
-    constexpr std::uint8_t kNoRing = 255;
-    std::vector<std::uint8_t> ring_of(pixels, kNoRing);
-    for (std::size_t r = 0; r < patch.rings.size(); ++r)
-        for (const std::uint32_t pixel : patch.rings[r].members) ring_of[pixel] = static_cast<std::uint8_t>(r);
-
-    std::vector<RingDraw> draws(patch.rings.size());
-    std::vector<std::uint32_t> times_covered(pixels, 0);
-    WinnerFrame frame(patch.scene.image.width, patch.scene.image.height);
-    const SamplerSettings settings{.seed = seed, .exact_count = count, .same_set_in_all_repeats = twin == DrawTwin::shared_set};
+std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene, const LineSampler& sampler,
+                                  std::span<const std::unique_ptr<ParticleDrawer>> drawers, const PatchThrow& thrown) {
+    std::vector<PatchDraw> draws(drawers.size());
+    std::vector<PatchCount> counts(drawers.size(), PatchCount(patch));
+    const SamplerSettings settings{.seed = thrown.seed, .exact_count = thrown.count,
+                                   .same_set_in_all_repeats = thrown.twin == DrawTwin::shared_set};
     // Batches keep at most a few million particles at a time.
-    const auto batch = static_cast<std::uint32_t>(std::clamp<std::uint64_t>(8'000'000 / std::max<std::uint64_t>(count, 1), 1, repeats));
-    for (std::uint32_t first = 0; first < repeats; first += batch) {
-        const ParticleSet set = sample_particles(scene, {&sampler, 1}, settings, first, std::min(batch, repeats - first));
-        const twin::Projection projection = set.frame.projection(scene.camera);
-        for (const RepeatParticles& repeat : set.repeats) {
-            frame.draw(repeat.particles, projection);
-            std::vector<std::uint32_t> hit(frame.hit_pixels().begin(), frame.hit_pixels().end());
-            if (twin == DrawTwin::two_pixels_wide) {
-                for (const std::uint32_t pixel : frame.hit_pixels())
-                    if (pixel + 1 < pixels) hit.push_back(pixel + 1);
-                std::sort(hit.begin(), hit.end());
-                hit.erase(std::unique(hit.begin(), hit.end()), hit.end());
-            }
-            std::vector<std::int64_t> covered(draws.size(), 0);
-            for (const std::uint32_t pixel : hit) {
-                if (ring_of[pixel] == kNoRing) continue;
-                ++covered[ring_of[pixel]];
-                ++times_covered[pixel];
-            }
-            for (std::size_t r = 0; r < draws.size(); ++r) {
-                if (patch.rings[r].members.empty()) continue;
-                draws[r].covered += covered[r];
-                draws[r].share.add(static_cast<double>(covered[r]) / static_cast<double>(patch.rings[r].members.size()));
-            }
-            frame.clear();
+    const auto batch = static_cast<std::uint32_t>(
+        std::clamp<std::uint64_t>(8'000'000 / std::max<std::uint64_t>(thrown.count, 1), 1, thrown.repeats));
+    for (std::uint32_t first = 0; first < thrown.repeats; first += batch) {
+        const ParticleSet set = sample_particles(scene, {&sampler, 1}, settings, first, std::min(batch, thrown.repeats - first));
+        std::vector<Winners> of_first;
+        for (std::size_t d = 0; d < drawers.size(); ++d) {
+            std::vector<Winners> winners = drawers[d]->winners(set);
+            for (const Winners& repeat : winners) counts[d].add(repeat, thrown.twin);
+            if (d == 0) of_first = std::move(winners);
+            else draws[d].as_first = draws[d].as_first && winners == of_first;
         }
     }
-
-    // Pixel by pixel: squared error of the ensemble mean in units of its Bernoulli variance.
-    for (std::size_t r = 0; r < draws.size(); ++r) {
-        const Ring& ring = patch.rings[r];
-        for (std::size_t k = 0; k < ring.members.size(); ++k) {
-            const double alpha = -std::expm1(static_cast<double>(count) * std::log1p(-std::min(ring.landing[k], 1.0)));
-            const double spread = alpha * (1 - alpha);
-            // Pixels that are nearly always clear or covered say nothing about the rate.
-            if (!(spread > 0.01)) continue;
-            const double off = times_covered[ring.members[k]] / static_cast<double>(repeats) - alpha;
-            draws[r].squares += off * off / spread;
-            // Var of (x̄ − α)²·L/(α(1−α)) for a mean of L Bernoulli draws: 2 + (1/(α(1−α)) − 6)/L.
-            draws[r].squares_variance += (2 + (1 / spread - 6) / repeats) / (static_cast<double>(repeats) * repeats);
-            ++draws[r].informative;
-        }
-    }
+    for (std::size_t d = 0; d < drawers.size(); ++d)
+        draws[d].rings = counts[d].finish(static_cast<double>(thrown.count), thrown.repeats);
     return draws;
 }
 

@@ -6,7 +6,9 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <vector>
 
@@ -15,6 +17,7 @@
 #include "measure/statistics.hpp"
 #include "sample/particle_sampler.hpp"
 #include "scene/prepared_scene.hpp"
+#include "stage/particle_drawer.hpp"
 
 namespace pellucid {
 
@@ -71,10 +74,25 @@ struct RingDraw {
 /// Wrong on purpose: what the tests must reject.
 enum class DrawTwin { none, two_pixels_wide, shared_set };
 
-/// Throws `count` particles in each of `repeats` repeats and looks at every ring.
-[[nodiscard]] std::vector<RingDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene,
-                                               const LineSampler& sampler, std::uint64_t count, std::uint32_t repeats,
-                                               Seed seed, DrawTwin twin = DrawTwin::none);
+/// What is thrown at a patch.
+struct PatchThrow {
+    std::uint64_t count = 0;     // particles a repeat
+    std::uint32_t repeats = 1;
+    Seed seed;
+    DrawTwin twin = DrawTwin::none;
+};
+
+/// What one drawer drew of it.
+struct PatchDraw {
+    std::vector<RingDraw> rings;
+    bool as_first = true;        // every particle won the same pixel as on the first drawer, or none on both
+};
+
+/// Throws the particles once and draws them by each of the drawers, which are those of `scene`; one result each.
+[[nodiscard]] std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene,
+                                                const LineSampler& sampler,
+                                                std::span<const std::unique_ptr<ParticleDrawer>> drawers,
+                                                const PatchThrow& thrown);
 
 /// The drawn total as a standard normal under the theory.
 [[nodiscard]] double ring_z_score(const Ring& ring, const RingDraw& draw, double count, double repeats, Seed seed);

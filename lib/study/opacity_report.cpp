@@ -5,8 +5,6 @@
 
 #include <nlohmann/json.hpp>
 
-#include "cpu/plain_particles.hpp"
-
 namespace pellucid {
 namespace {
 
@@ -42,56 +40,80 @@ constexpr double kIntervals = 5;
 
 }  // namespace
 
-OpacityReport::OpacityReport(Experiment& experiment, double family_level)
+OpacityReport::OpacityReport(Experiment& experiment, double family_level, std::vector<Backend> backends)
     : experiment_(&experiment),
       family_level_(family_level),
+      backends_(std::move(backends)),
       csv_(&experiment.csv("opacity", {"backend", "shape", "projection", "ratio", "count", "tilt_deg", "theta_lo_deg",
                                        "theta_hi_deg", "repeats", "pixels", "pixels_measured", "alpha_drawn",
                                        "alpha_theory", "variance_drawn", "variance_theory", "z_score"})),
       twins_csv_(&experiment.csv("twins", {"twin", "alpha_drawn", "alpha_theory", "z_score", "z_critical",
                                            "z_score_without_fault", "rejected"})) {}
 
-void OpacityReport::outside_theory(const OpacityRow& row) { write_row(row, nullptr, nullptr, std::nullopt); }
+void OpacityReport::outside_theory(const OpacityRow& row) {
+    for (const Backend& backend : backends_) write_row(row, backend, nullptr, nullptr, std::nullopt);
+}
 
-void OpacityReport::add(const OpacityRow& row, const OpacityPatch& patch, const PreparedScene& scene,
-                        const LineSampler& sampler, bool measurable) {
-    std::vector<RingDraw> draws;
+std::vector<std::unique_ptr<ParticleDrawer>> OpacityReport::make_drawers(const PreparedScene& scene) const {
+    std::vector<std::unique_ptr<ParticleDrawer>> drawers;
+    for (const Backend& backend : backends_) drawers.push_back(backend.make_particle_drawer(scene));
+    return drawers;
+}
+
+void OpacityReport::add(const OpacityRow& row, const OpacityPatch& patch, const PreparedScene& scene, const LineSampler& sampler,
+                        std::span<const std::unique_ptr<ParticleDrawer>> drawers, bool measurable) {
+    std::vector<PatchDraw> draws;
     if (measurable) {
         const auto stage = experiment_->stage("particles");
-        draws = draw_patch(patch, scene, sampler, static_cast<std::uint64_t>(row.count),
-                           static_cast<std::uint32_t>(row.repeats), row.seed);
+        draws = draw_patch(patch, scene, sampler, drawers,
+                           {static_cast<std::uint64_t>(row.count), static_cast<std::uint32_t>(row.repeats), row.seed});
+        for (const PatchDraw& draw : draws) rows_different_ += draw.as_first ? 0U : 1U;
     }
     const auto stage = experiment_->stage("theory");
-    const auto count = static_cast<double>(row.count);
-    const auto repeats = static_cast<double>(row.repeats);
     for (std::size_t r = 0; r < patch.rings.size(); ++r) {
         const Ring& ring = patch.rings[r];
-        if (ring.members.empty() || !measurable) {
-            write_row(row, &ring, nullptr, std::nullopt);
-            continue;
+        std::optional<double> first_z;
+        for (std::size_t b = 0; b < backends_.size(); ++b) {
+            if (ring.members.empty() || !measurable) {
+                write_row(row, backends_[b], &ring, nullptr, std::nullopt);
+                continue;
+            }
+            // The same total has the same z: the exact law is computed once.
+            const RingDraw& draw = draws[b].rings[r];
+            const double z = first_z && draw.covered == draws[0].rings[r].covered
+                                 ? *first_z
+                                 : ring_z_score(ring, draw, static_cast<double>(row.count), static_cast<double>(row.repeats),
+                                                derived_seed(row.seed, r));
+            write_row(row, backends_[b], &ring, &draw, z);
+            if (!first_z) keep(row, patch, ring, draw, z);
+            if (!first_z) first_z = z;
         }
-        const RingDraw& draw = draws[r];
-        const double z = ring_z_score(ring, draw, count, repeats, derived_seed(row.seed, r));
-        write_row(row, &ring, &draw, z);
-        z_scores_.push_back(z);
-        // Least squares takes errors for Gaussian: rows of a few expected events stay with the exact tests.
-        const CoveredShare theory = ring_theory(ring, count);
-        const double throws = theory.pixels * repeats;
-        if (std::min(theory.mean, theory.uncovered) * throws >= kLeastEvents)
-            points_.push_back(fit_point(patch, ring, draw, count, repeats));
-        RepeatError& error = errors_[row.repeats];
-        error.squares += draw.squares;
-        error.variance += draw.squares_variance;
-        error.pixels += draw.informative;
     }
 }
 
-void OpacityReport::write_row(const OpacityRow& row, const Ring* ring, const RingDraw* draw, std::optional<double> z) {
+/// Keeps what the fits and the tests of all rows together need.
+void OpacityReport::keep(const OpacityRow& row, const OpacityPatch& patch, const Ring& ring, const RingDraw& draw, double z) {
+    const auto count = static_cast<double>(row.count);
+    const auto repeats = static_cast<double>(row.repeats);
+    z_scores_.push_back(z);
+    // Least squares takes errors for Gaussian: rows of a few expected events stay with the exact tests.
+    const CoveredShare theory = ring_theory(ring, count);
+    const double throws = theory.pixels * repeats;
+    if (std::min(theory.mean, theory.uncovered) * throws >= kLeastEvents)
+        points_.push_back(fit_point(patch, ring, draw, count, repeats));
+    RepeatError& error = errors_[row.repeats];
+    error.squares += draw.squares;
+    error.variance += draw.squares_variance;
+    error.pixels += draw.informative;
+}
+
+void OpacityReport::write_row(const OpacityRow& row, const Backend& backend, const Ring* ring, const RingDraw* draw,
+                              std::optional<double> z) {
     using Cell = std::optional<double>;
     const bool flat = row.view.shape == PatchShape::flat;
     const bool any = ring != nullptr && !ring->members.empty();
     const auto theory = any ? std::optional(ring_theory(*ring, static_cast<double>(row.count))) : std::nullopt;
-    csv_->row(row.backend, name_of(row.view.shape), row.view.projection == Projection::perspective ? "perspective" : "orthographic",
+    csv_->row(backend.name(), name_of(row.view.shape), row.view.projection == Projection::perspective ? "perspective" : "orthographic",
               row.view.ratio, row.count, flat ? Cell(row.view.tilt_deg) : Cell(), ring ? Cell(ring->theta_lo_deg) : Cell(),
               ring ? Cell(ring->theta_hi_deg) : Cell(), row.repeats, ring ? Cell(ring->pixels) : Cell(),
               ring ? ring->members.size() : 0, draw ? Cell(draw->alpha()) : Cell(), theory ? Cell(theory->mean) : Cell(),
@@ -109,6 +131,8 @@ void OpacityReport::finish(const std::vector<double>& ring_edges_deg) {
     experiment_->check(fmt::format("largest |z| of {} opacities", z_scores_.size()), worst, "<=", critical);
     if (const auto ks = ks_uniformity(uniform))
         experiment_->check("z-scores are standard normal: p of Kolmogorov-Smirnov", ks->p_value, ">=", family_level_);
+    if (backends_.size() > 1)
+        experiment_->check("covered pixels equal on every backend: rows that differ", static_cast<double>(rows_different_), "==", 0);
     check_fits();
     check_slope();
     check_twins(ring_edges_deg);
@@ -190,16 +214,20 @@ void OpacityReport::draw_twin(const std::string& name, const PatchView& view, Dr
     const auto patch = make_opacity_patch(view, edges);
     const PreparedScene scene = prepare(patch->scene);
     const auto samplers = make_samplers(scene);
+    const std::unique_ptr<ParticleDrawer> drawer[] = {backends_[0].make_particle_drawer(scene)};
     const Ring& ring = patch->rings[0];
+    const auto draw_once = [&](Seed seed, DrawTwin fault) {
+        return draw_patch(*patch, scene, samplers[0], drawer, {kCount, kRepeats, seed, fault})[0].rings[0];
+    };
     // A shared set is right on average and wrong in its variance: of 30 of them some is far off.
     RingDraw worst;
     double worst_z = 0;
     double worst_right = 0;
     for (std::uint64_t i = 0; i < 30; ++i) {
         const Seed seed = derived_seed(experiment_->seed(), 0x1000000 + i);
-        const RingDraw draw = draw_patch(*patch, scene, samplers[0], kCount, kRepeats, seed, twin)[0];
+        const RingDraw draw = draw_once(seed, twin);
         const double z = ring_z_score(ring, draw, kCount, kRepeats, seed);
-        const RingDraw right = draw_patch(*patch, scene, samplers[0], kCount, kRepeats, seed)[0];
+        const RingDraw right = draw_once(seed, DrawTwin::none);
         worst_right = std::max(worst_right, std::abs(ring_z_score(ring, right, kCount, kRepeats, seed)));
         if (std::abs(z) < std::abs(worst_z)) continue;
         worst_z = z;
@@ -236,7 +264,7 @@ void OpacityReport::draw_close_sheets() {
         const SamplerSettings settings{.seed = derived_seed(experiment_->seed(), 0x2000000), .exact_count = {}, .keep_all_crossings = fault};
         const ParticleSet set = sample_particles(prepared, samplers, settings, 0, kRepeats);
         EnsembleSums sums = make_sums(prepared);
-        make_plain_drawer(prepared)->draw(set, sums);
+        backends_[0].make_particle_drawer(prepared)->draw(set, sums);
         double covered = 0;
         double trials = 0;
         for (int i = 0; i < kSide * kSide; ++i) {

@@ -28,8 +28,12 @@ static_assert(offsetof(twin::DrawSetup, view) == 80 && offsetof(twin::DrawSetup,
 struct Push {
     std::uint64_t setup;
     std::uint32_t count;
-    std::uint32_t unused = 0;
+    std::uint32_t first = 0;  // item
 };
+
+/// Vulkan in software leaves every loop, and silently, once an invocation went round its loops 65535 times all told
+/// (Mesa, gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). Items are cut so that they stay below; a GPU knows no such number.
+constexpr std::uint64_t kMostIterations = 60000;
 
 /// Workgroups that keep a device busy: tiles are cut by repeats where there are fewer of them.
 constexpr std::size_t kEnoughGroups = 1024;
@@ -67,6 +71,12 @@ struct Piece {
     std::uint32_t begin;
     std::uint32_t count;
     std::uint32_t to;  // place in the chunk
+};
+
+/// Items of one round draw at the same time, so no two of them share a slot.
+struct Rounds {
+    std::vector<twin::DrawItem> items;  // round after round
+    std::vector<std::uint32_t> begin;   // of each round, and their number
 };
 
 /// As much of a particle set as is on the device at a time: any spans, since each is drawn on its own.
@@ -195,7 +205,7 @@ private:
     /// Whole subgroups: lavapipe 22.3 lets the idle invocations of a broken one write.
     [[nodiscard]] static std::uint32_t group_size(const Device& device, const DrawerSettings& settings) {
         const DeviceInfo& info = device.info();
-        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 1;
+        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 64;
         const std::uint32_t subgroup = std::max(1U, info.subgroup_size);
         const std::uint32_t most = std::min(twin::kMostGroup, info.max_workgroup_size);
         return std::min((wished + subgroup - 1) / subgroup * subgroup, most);
@@ -232,42 +242,81 @@ private:
         finish();
     }
 
-    /// The chunk's spans by tile, a tile's in as many items as it has slots, in order of repeats.
-    [[nodiscard]] std::vector<twin::DrawItem> make_items(const Chunk& chunk, std::vector<twin::DrawSpan>& sorted) const {
+    /// How often, at most, an invocation goes round the loops of particle_draw.comp.glsl for a span. The round in which
+    /// a loop finds that it is over counts, too.
+    [[nodiscard]] std::uint64_t iterations(const twin::DrawSpan& span, bool shaded) const {
+        const std::uint64_t runs = span.end_run - span.first_run;
+        const std::uint64_t steps = span.count / group_size_ + 1;
+        const std::uint64_t lights = static_cast<std::uint64_t>(std::max(setup_.view.light_count - 2, 0)) + 1;
+        // The loop over spans, over the particles, over the runs, over the particles of each, over further lights.
+        return 1 + (steps + 1) + (runs + 1) + (steps + 2 * runs) + (shaded ? (steps + runs) * lights : 0);
+    }
+
+    /// The chunk's spans by tile, a tile's in as many items as it has slots, in order of repeats; in software cut
+    /// further, into rounds.
+    [[nodiscard]] Rounds make_items(const Chunk& chunk, bool shaded, std::vector<twin::DrawSpan>& sorted) const {
         std::vector<std::uint32_t> begin(grid_.count() + 1, 0);
         for (const std::uint32_t tile : chunk.tile_of_span) ++begin[tile + 1];
         for (std::size_t tile = 0; tile < grid_.count(); ++tile) begin[tile + 1] += begin[tile];
         sorted.resize(chunk.spans.size());
         std::vector<std::uint32_t> next(begin.begin(), begin.end() - 1);
         for (std::size_t s = 0; s < chunk.spans.size(); ++s) sorted[next[chunk.tile_of_span[s]]++] = chunk.spans[s];
-        std::vector<twin::DrawItem> items;
+        std::vector<std::vector<twin::DrawItem>> rounds;
         const std::uint32_t parts = setup_.slots_a_tile;
         for (std::uint32_t tile = 0; tile < grid_.count(); ++tile)
             for (std::uint32_t part = 0; part < parts; ++part) {
                 const std::uint64_t count = begin[tile + 1] - begin[tile];
-                const auto first = static_cast<std::uint32_t>(begin[tile] + count * part / parts);
                 const auto end = static_cast<std::uint32_t>(begin[tile] + count * (part + 1) / parts);
-                if (first < end) items.push_back({tile * parts + part, first, end});
+                auto first = static_cast<std::uint32_t>(begin[tile] + count * part / parts);
+                for (std::size_t round = 0; first < end; ++round) {
+                    const std::uint32_t cut = end_of_item(sorted, first, end, shaded);
+                    if (rounds.size() == round) rounds.emplace_back();
+                    rounds[round].push_back({tile * parts + part, first, cut});
+                    first = cut;
+                }
             }
-        return items;
+        Rounds all;
+        for (const auto& round : rounds) {
+            all.begin.push_back(static_cast<std::uint32_t>(all.items.size()));
+            all.items.insert(all.items.end(), round.begin(), round.end());
+        }
+        all.begin.push_back(static_cast<std::uint32_t>(all.items.size()));
+        return all;
+    }
+
+    /// As many spans as one item takes, at least one.
+    [[nodiscard]] std::uint32_t end_of_item(const std::vector<twin::DrawSpan>& spans, std::uint32_t first, std::uint32_t end,
+                                            bool shaded) const {
+        if (device_.info().is_gpu) return end;
+        std::uint64_t sum = 0;
+        std::uint32_t cut = first;
+        while (cut < end && (sum += iterations(spans[cut], shaded)) <= kMostIterations) ++cut;
+        if (cut == first)
+            throw run_error("{}: {} particles of one repeat in one tile of {} x {} pixels are more than Vulkan in software draws",
+                            device_.info().name, spans[first].count, twin::kTileSide, twin::kTileSide);
+        return cut;
     }
 
     void run(const Kernel& kernel, const ParticleSet& set, const Chunk& chunk, const char* stage) {
         std::vector<twin::DrawSpan> spans;
-        const std::vector<twin::DrawItem> items = make_items(chunk, spans);
+        const Rounds rounds = make_items(chunk, &kernel == &draw_, spans);
         particles_.hold(device_, std::uint64_t{chunk.particles} * sizeof(Particle));
         pixels_.hold(device_, std::uint64_t{chunk.particles} * sizeof(std::uint32_t));
         runs_.hold(device_, bytes_of(chunk.runs).size());
         spans_.hold(device_, bytes_of(spans).size());
-        items_.hold(device_, bytes_of(items).size());
+        items_.hold(device_, bytes_of(rounds.items).size());
         upload_particles(set, chunk);
         upload(device_, runs_.buffer(), bytes_of(chunk.runs));
         upload(device_, spans_.buffer(), bytes_of(spans));
-        upload(device_, items_.buffer(), bytes_of(items));
+        upload(device_, items_.buffer(), bytes_of(rounds.items));
         upload_setup();
-        const auto count = static_cast<std::uint32_t>(items.size());
         commands_.begin_stage(stage);
-        commands_.dispatch(kernel, Push{setup_buffer_.address(), count}, device_.groups_for(count, 1));
+        for (std::size_t round = 0; round + 1 < rounds.begin.size(); ++round) {
+            const std::uint32_t first = rounds.begin[round];
+            const std::uint32_t count = rounds.begin[round + 1] - first;
+            if (round > 0) commands_.barrier();  // keys and sums of the slots
+            commands_.dispatch(kernel, Push{setup_buffer_.address(), count, first}, device_.groups_for(count, 1));
+        }
         commands_.end_stage();
         note(commands_.submit_and_wait());
     }

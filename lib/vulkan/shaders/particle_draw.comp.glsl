@@ -28,6 +28,7 @@ layout(buffer_reference, scalar) buffer Sums { PackedSums at[]; };
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     uint item_count;
+    uint first_item;
 };
 
 Vec3f texture_color(Material m, Particle q) {
@@ -86,7 +87,7 @@ uint tile_pixel(PixelDepth at) {
 void main() {
     uint number = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
     if (number >= item_count) return;
-    DrawItem item = Items(setup.it.items).at[number];
+    DrawItem item = Items(setup.it.items).at[first_item + number];
     Keys keys = Keys(setup.it.keys);
     Sums sums = Sums(setup.it.sums);
     Spans spans = Spans(setup.it.spans);
