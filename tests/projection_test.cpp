@@ -159,6 +159,11 @@ TEST_P(ProjectionTwin, QuickProjectionIsTheSame) {
         ASSERT_EQ(quick.column, exact.column) << i;
         ASSERT_EQ(quick.row, exact.row) << i;
         ASSERT_EQ(quick.depth, exact.depth) << i;
+        if (exact.column >= 0 && projection.doubt < 1) {
+            const twin::PixelDepth in_view = twin::project_in_view(projection, particle);
+            ASSERT_EQ(in_view.column, exact.column) << i;
+            ASSERT_EQ(in_view.row, exact.row) << i;
+        }
         undecided += projection.doubt < 1 ? 0 : 1;
     }
     // An ordinary camera is decided by float32.

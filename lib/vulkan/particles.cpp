@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
+#include <optional>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
@@ -115,12 +116,20 @@ public:
           camera_(scene.camera),
           grid_(scene.camera.width(), scene.camera.height()),
           group_size_(group_size(device, settings)),
-          draw_(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_, 1U}}),
-          find_(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_, 0U}}),
           mean_(device, kMeanWords, {.push_bytes = sizeof(Push), .constants = std::array{group_size_}}),
           commands_(device) {
         const ParticleFrame frame(camera_);
         const ParticleShading shading(scene, frame);
+        setup_.projection = frame.projection(camera_);
+        setup_.view = shading.view;
+        const auto kernel = [&](bool shaded) {
+            const std::array<std::uint32_t, 5> constants{group_size_, shaded ? 1U : 0U, shading.texels.empty() ? 0U : 1U,
+                                                         static_cast<std::uint32_t>(shading.view.light_count),
+                                                         setup_.projection.doubt < 1 ? 0U : 1U};
+            return Kernel(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = constants});
+        };
+        draw_.emplace(kernel(true));
+        find_.emplace(kernel(false));
         const std::size_t enough = device.info().is_gpu ? kEnoughGroups : kEnoughGroupsInSoftware;
         const std::size_t parts = std::max<std::size_t>(1, enough / grid_.count());
         slots_ = grid_.count() * parts;
@@ -133,8 +142,6 @@ public:
         lights_ = filled(bytes_of(shading.lights));
         texels_ = filled(bytes_of(shading.texels));
         keys_ = Buffer(device, slots_ * twin::kSlotPixels * sizeof(std::uint64_t));
-        setup_.projection = frame.projection(camera_);
-        setup_.view = shading.view;
         setup_.tile_columns = grid_.columns;
         setup_.slots_a_tile = static_cast<std::uint32_t>(parts);
         setup_.keys = keys_.address();
@@ -156,7 +163,7 @@ public:
         commands_.end_stage();
         note(commands_.submit_and_wait());
         for_each_chunk(set, [&](const Chunk& chunk) {
-            run(draw_, set, chunk, "project and resolve");
+            run(*draw_, set, chunk, "project and resolve");
             const auto padded = static_cast<std::uint32_t>(grid_.count() * twin::kTilePixels);
             commands_.begin_stage("average");
             commands_.dispatch(mean_, Push{setup_buffer_.address(), padded}, device_.groups_for(padded, group_size_));
@@ -183,7 +190,7 @@ public:
         for (std::size_t r = 0; r < all.size(); ++r) all[r].assign(set.repeats[r].particles.size(), kNoPixel);
         std::vector<std::uint32_t> local;
         for_each_chunk(set, [&](const Chunk& chunk) {
-            run(find_, set, chunk, "project");
+            run(*find_, set, chunk, "project");
             local.resize(chunk.particles);
             download(device_, pixels_.buffer(), std::as_writable_bytes(std::span(local)));
             std::size_t s = 0;
@@ -299,7 +306,7 @@ private:
 
     void run(const Kernel& kernel, const ParticleSet& set, const Chunk& chunk, const char* stage) {
         std::vector<twin::DrawSpan> spans;
-        const Rounds rounds = make_items(chunk, &kernel == &draw_, spans);
+        const Rounds rounds = make_items(chunk, &kernel == &*draw_, spans);
         particles_.hold(device_, std::uint64_t{chunk.particles} * sizeof(Particle));
         pixels_.hold(device_, std::uint64_t{chunk.particles} * sizeof(std::uint32_t));
         runs_.hold(device_, bytes_of(chunk.runs).size());
@@ -367,7 +374,8 @@ private:
     std::uint32_t group_size_;
     std::uint64_t chunk_bytes_ = 0;
     std::uint64_t slots_ = 0;
-    Kernel draw_, find_, mean_;
+    std::optional<Kernel> draw_, find_;  // shading and adding; only telling who won
+    Kernel mean_;
     Commands commands_;
     twin::DrawSetup setup_{};
     Buffer setup_buffer_, materials_, lights_, texels_, keys_;

@@ -12,7 +12,11 @@
 #include "kernel/particle_draw_twin.h"
 
 layout(local_size_x_id = 0) in;
+// What a scene does not need is not there: in software a branch that nobody takes is run through all the same.
 layout(constant_id = 1) const bool kShaded = true;
+layout(constant_id = 2) const bool kTextured = true;
+layout(constant_id = 3) const int kLights = 1;
+layout(constant_id = 4) const bool kByDivision = false;  // float32 cannot find the quotient of the projection
 
 layout(buffer_reference, scalar) readonly buffer Setup { DrawSetup it; };
 layout(buffer_reference, scalar) readonly buffer Particles { u64vec2 at[]; };  // two loads, not four
@@ -64,12 +68,12 @@ ColorUnits shade_particle(Lighting lighting, Material m, Particle q) {
         Vec3f to_viewer = direction_to_viewer(view, q);
         Vec3f normal = turned_to(unpack_normal(q.normal), to_viewer);
         sums = add_view_light(sums, lighting.first, normal, to_viewer, m.shininess);
-        if (view.light_count > 1) sums = add_view_light(sums, lighting.second, normal, to_viewer, m.shininess);
-        for (int i = 2; i < view.light_count; ++i)
+        if (kLights > 1) sums = add_view_light(sums, lighting.second, normal, to_viewer, m.shininess);
+        for (int i = 2; i < kLights; ++i)
             sums = add_view_light(sums, Lights(setup.it.lights).at[i], normal, to_viewer, m.shininess);
     }
     Vec3f color = Vec3f(m.red, m.green, m.blue);
-    if (m.texture_width > 0) color = texture_color(m, q);
+    if (kTextured && m.texture_width > 0) color = texture_color(m, q);
     return color_units(m, sums, color.x, color.y, color.z, view.units);
 }
 
@@ -80,7 +84,10 @@ Particle particle_at(uint i) {
     return Particle(uintBitsToFloat(a.x), uintBitsToFloat(a.y), uintBitsToFloat(b.x), b.y);
 }
 
-uint tile_pixel(PixelDepth at) {
+uint tile_pixel(Projection projection, Particle q) {
+    PixelDepth at;
+    if (kByDivision) at = project_particle(projection, q);
+    else at = project_in_view(projection, q);
     return uint(((at.row & (kTileSide - 1)) << kTileShift) | (at.column & (kTileSide - 1)));
 }
 
@@ -96,7 +103,7 @@ void main() {
     Lighting lighting;
     lighting.view = setup.it.view;
     lighting.first = Lights(setup.it.lights).at[0];
-    lighting.second = Lights(setup.it.lights).at[min(1, lighting.view.light_count - 1)];
+    lighting.second = Lights(setup.it.lights).at[min(1, kLights - 1)];
     uint lane = gl_LocalInvocationID.x;
     uint lanes = gl_WorkGroupSize.x;
     uint base = item.slot * kSlotPixels;
@@ -106,7 +113,7 @@ void main() {
         // Nearest wins.
         for (uint i = lane; i < span.count; i += lanes) {
             Particle q = particle_at(span.first + i);
-            atomicMin(keys.at[base + tile_pixel(project_quickly(projection, q))], particle_key(q, span.index + i));
+            atomicMin(keys.at[base + tile_pixel(projection, q)], particle_key(q, span.index + i));
         }
         memoryBarrierBuffer();
         barrier();
@@ -117,7 +124,7 @@ void main() {
             if (kShaded) m = Materials(setup.it.materials).at[run.object];
             for (uint i = run.first + lane; i < run.end; i += lanes) {
                 Particle q = particle_at(i);
-                uint pixel = tile_pixel(project_quickly(projection, q));
+                uint pixel = tile_pixel(projection, q);
                 bool won = keys.at[base + pixel] == particle_key(q, span.index + i - span.first);
                 uint place = won ? base + pixel : nowhere;
                 keys.at[place] = ~uint64_t(0);
