@@ -38,7 +38,7 @@ TEST_F(VulkanDrawer, IsThePlainOneOnEveryScene) {
 }
 
 TEST_F(VulkanDrawer, StreamsWhatDoesNotFit) {
-    const vulkan::Device device({.validate = true});
+    const vulkan::Device device({.validate = true, .stage_all = true});
     const DrawerScene each = std::move(drawer_scenes()[0]);
     for (const std::uint64_t bytes : {1U, 10000U, 300000U}) expect_vulkan_is_plain(device, each, {.particle_bytes = bytes});
     EXPECT_TRUE(device.validation_messages().empty());
@@ -53,6 +53,22 @@ TEST_F(VulkanDrawer, DrawsAnyNumberOfParticlesInOneTile) {
     ASSERT_GT(drawer_particles(each).count(), 5U * 65535U * 8U);
     expect_vulkan_is_plain(device, each);
     expect_vulkan_is_plain(device, each, {.workgroup_size = 1});
+}
+
+// … also where a single repeat has more than narrow workgroups can take.
+TEST_F(VulkanDrawer, DrawsAnyNumberOfParticlesOfOneRepeatInOneTile) {
+    const vulkan::Device device({.validate = true});
+    const PreparedScene scene = prepare(scene_from("[image]\nresolution = [64, 64]\n[camera]\nposition = [0, 0, 3]\nfov_degrees = 20\n"
+                                                   "[[surface]]\nname = \"a\"\nrectangle = {}\n", test_folder()));
+    const ParticleSet set = sample_particles(scene, make_samplers(scene), {.seed = {4}, .exact_count = 500'000}, 0, 2);
+    const auto plain = make_plain_drawer(scene);
+    const auto drawer = vulkan::make_particle_drawer(device, scene);
+    EXPECT_EQ(hash_of(drawer->winners(set)), hash_of(plain->winners(set)));
+    EnsembleSums by_plain = make_sums(scene);
+    EnsembleSums by_vulkan = make_sums(scene);
+    plain->draw(set, by_plain);
+    drawer->draw(set, by_vulkan);
+    expect_equal_sums(by_vulkan, by_plain);
 }
 
 // … and so where the particles are few and the repeats many.

@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <cstring>
-#include <optional>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
@@ -74,6 +73,12 @@ struct Piece {
     std::uint32_t to;  // place in the chunk
 };
 
+/// The same shader for workgroups of one size: shading and adding the winners, or only telling who they are.
+struct DrawKernels {
+    std::uint32_t size;
+    Kernel draw, find;
+};
+
 /// Items of one round draw at the same time, so no two of them share a slot.
 struct Rounds {
     std::vector<twin::DrawItem> items;  // round after round
@@ -122,14 +127,14 @@ public:
         const ParticleShading shading(scene, frame);
         setup_.projection = frame.projection(camera_);
         setup_.view = shading.view;
-        const auto kernel = [&](bool shaded) {
-            const std::array<std::uint32_t, 5> constants{group_size_, shaded ? 1U : 0U, shading.texels.empty() ? 0U : 1U,
+        const auto kernel = [&](std::uint32_t size, bool shaded) {
+            const std::array<std::uint32_t, 5> constants{size, shaded ? 1U : 0U, shading.texels.empty() ? 0U : 1U,
                                                          static_cast<std::uint32_t>(shading.view.light_count),
                                                          setup_.projection.doubt < 1 ? 0U : 1U};
             return Kernel(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = constants});
         };
-        draw_.emplace(kernel(true));
-        find_.emplace(kernel(false));
+        for (const std::uint32_t size : {group_size_, std::min(twin::kMostGroup, device.info().max_workgroup_size)})
+            if (kernels_.empty() || size > kernels_.back().size) kernels_.push_back({size, kernel(size, true), kernel(size, false)});
         const std::size_t enough = device.info().is_gpu ? kEnoughGroups : kEnoughGroupsInSoftware;
         const std::size_t parts = std::max<std::size_t>(1, enough / grid_.count());
         slots_ = grid_.count() * parts;
@@ -163,7 +168,7 @@ public:
         commands_.end_stage();
         note(commands_.submit_and_wait());
         for_each_chunk(set, [&](const Chunk& chunk) {
-            run(*draw_, set, chunk, "project and resolve");
+            run(true, set, chunk, "project and resolve");
             const auto padded = static_cast<std::uint32_t>(grid_.count() * twin::kTilePixels);
             commands_.begin_stage("average");
             commands_.dispatch(mean_, Push{setup_buffer_.address(), padded}, device_.groups_for(padded, group_size_));
@@ -190,7 +195,7 @@ public:
         for (std::size_t r = 0; r < all.size(); ++r) all[r].assign(set.repeats[r].particles.size(), kNoPixel);
         std::vector<std::uint32_t> local;
         for_each_chunk(set, [&](const Chunk& chunk) {
-            run(*find_, set, chunk, "project");
+            run(false, set, chunk, "project");
             local.resize(chunk.particles);
             download(device_, pixels_.buffer(), std::as_writable_bytes(std::span(local)));
             std::size_t s = 0;
@@ -212,7 +217,7 @@ private:
     /// Whole subgroups: lavapipe 22.3 lets the idle invocations of a broken one write.
     [[nodiscard]] static std::uint32_t group_size(const Device& device, const DrawerSettings& settings) {
         const DeviceInfo& info = device.info();
-        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 64;
+        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 1;
         const std::uint32_t subgroup = std::max(1U, info.subgroup_size);
         const std::uint32_t most = std::min(twin::kMostGroup, info.max_workgroup_size);
         return std::min((wished + subgroup - 1) / subgroup * subgroup, most);
@@ -251,9 +256,9 @@ private:
 
     /// How often, at most, an invocation goes round the loops of particle_draw.comp.glsl for a span. The round in which
     /// a loop finds that it is over counts, too.
-    [[nodiscard]] std::uint64_t iterations(const twin::DrawSpan& span, bool shaded) const {
+    [[nodiscard]] std::uint64_t iterations(const twin::DrawSpan& span, bool shaded, std::uint32_t size) const {
         const std::uint64_t runs = span.end_run - span.first_run;
-        const std::uint64_t steps = span.count / group_size_ + 1;
+        const std::uint64_t steps = span.count / size + 1;
         const std::uint64_t lights = static_cast<std::uint64_t>(std::max(setup_.view.light_count - 2, 0)) + 1;
         // The loop over spans, over the particles, over the runs, over the particles of each, over further lights.
         return 1 + (steps + 1) + (runs + 1) + (steps + 2 * runs) + (shaded ? (steps + runs) * lights : 0);
@@ -261,7 +266,7 @@ private:
 
     /// The chunk's spans by tile, a tile's in as many items as it has slots, in order of repeats; in software cut
     /// further, into rounds.
-    [[nodiscard]] Rounds make_items(const Chunk& chunk, bool shaded, std::vector<twin::DrawSpan>& sorted) const {
+    [[nodiscard]] Rounds make_items(const Chunk& chunk, bool shaded, std::uint32_t size, std::vector<twin::DrawSpan>& sorted) const {
         std::vector<std::uint32_t> begin(grid_.count() + 1, 0);
         for (const std::uint32_t tile : chunk.tile_of_span) ++begin[tile + 1];
         for (std::size_t tile = 0; tile < grid_.count(); ++tile) begin[tile + 1] += begin[tile];
@@ -276,7 +281,7 @@ private:
                 const auto end = static_cast<std::uint32_t>(begin[tile] + count * (part + 1) / parts);
                 auto first = static_cast<std::uint32_t>(begin[tile] + count * part / parts);
                 for (std::size_t round = 0; first < end; ++round) {
-                    const std::uint32_t cut = end_of_item(sorted, first, end, shaded);
+                    const std::uint32_t cut = end_of_item(sorted, first, end, shaded, size);
                     if (rounds.size() == round) rounds.emplace_back();
                     rounds[round].push_back({tile * parts + part, first, cut});
                     first = cut;
@@ -293,20 +298,34 @@ private:
 
     /// As many spans as one item takes, at least one.
     [[nodiscard]] std::uint32_t end_of_item(const std::vector<twin::DrawSpan>& spans, std::uint32_t first, std::uint32_t end,
-                                            bool shaded) const {
+                                            bool shaded, std::uint32_t size) const {
         if (device_.info().is_gpu) return end;
         std::uint64_t sum = 0;
         std::uint32_t cut = first;
-        while (cut < end && (sum += iterations(spans[cut], shaded)) <= kMostIterations) ++cut;
+        while (cut < end && (sum += iterations(spans[cut], shaded, size)) <= kMostIterations) ++cut;
         if (cut == first)
             throw run_error("{}: {} particles of one repeat in one tile of {} x {} pixels are more than Vulkan in software draws",
                             device_.info().name, spans[first].count, twin::kTileSide, twin::kTileSide);
         return cut;
     }
 
-    void run(const Kernel& kernel, const ParticleSet& set, const Chunk& chunk, const char* stage) {
+    /// The narrowest kernel in which every span stays below the limit on loops, or the widest.
+    [[nodiscard]] const DrawKernels& kernels_for(const Chunk& chunk, bool shaded) const {
+        const auto fits = [&](const DrawKernels& each) {
+            return device_.info().is_gpu || std::ranges::all_of(chunk.spans, [&](const twin::DrawSpan& span) {
+                       return iterations(span, shaded, each.size) <= kMostIterations;
+                   });
+        };
+        const auto first = std::ranges::find_if(kernels_, fits);
+        return first == kernels_.end() ? kernels_.back() : *first;
+    }
+
+    /// Draws the chunk: shades and adds the winners, or only tells who they are.
+    void run(bool shaded, const ParticleSet& set, const Chunk& chunk, const char* stage) {
+        const DrawKernels& kernels = kernels_for(chunk, shaded);
+        const Kernel& kernel = shaded ? kernels.draw : kernels.find;
         std::vector<twin::DrawSpan> spans;
-        const Rounds rounds = make_items(chunk, &kernel == &*draw_, spans);
+        const Rounds rounds = make_items(chunk, shaded, kernels.size, spans);
         particles_.hold(device_, std::uint64_t{chunk.particles} * sizeof(Particle));
         pixels_.hold(device_, std::uint64_t{chunk.particles} * sizeof(std::uint32_t));
         runs_.hold(device_, bytes_of(chunk.runs).size());
@@ -374,7 +393,7 @@ private:
     std::uint32_t group_size_;
     std::uint64_t chunk_bytes_ = 0;
     std::uint64_t slots_ = 0;
-    std::optional<Kernel> draw_, find_;  // shading and adding; only telling who won
+    std::vector<DrawKernels> kernels_;  // by size
     Kernel mean_;
     Commands commands_;
     twin::DrawSetup setup_{};

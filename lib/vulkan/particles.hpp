@@ -12,8 +12,8 @@ namespace pellucid::vulkan {
 struct DrawerSettings {
     /// Most bytes of particles on the device at a time; more are streamed. 0: what the device holds well.
     std::uint64_t particle_bytes = 0;
-    /// Invocations a workgroup, rounded up to whole subgroups, at most 256; 0: 256 on a GPU, 64 in software, where more
-    /// cost switching and fewer meet its limit on loops sooner (particles.cpp).
+    /// Invocations a workgroup, rounded up to whole subgroups, at most 256; 0: 256 on a GPU, one subgroup in
+    /// software, where more cost switching. Where its limit on loops asks for more (particles.cpp) there are 256.
     std::uint32_t workgroup_size = 0;
 };
 
