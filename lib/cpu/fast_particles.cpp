@@ -25,7 +25,7 @@ constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
 /// Most lanes of 32 bits: what is read in whole vectors is padded by this much.
 constexpr std::size_t kMostLanes = 64;
 /// Particles shaded at a time: their intermediate numbers fit into the first-level cache. A multiple of kMostLanes.
-constexpr std::size_t kShadeBlock = 256;
+constexpr std::size_t kShadeBlock = 128;
 
 /// A pixel's sums, one cache line.
 struct alignas(64) TilePixel {
@@ -38,29 +38,33 @@ struct WonColor {
     std::uint32_t red, green, blue, covered;
 };
 
+/// Winners of one object that wait for being shaded together, from whatever repeats of the tile: integer sums do not
+/// mind the order, and short runs do not leave vectors half empty.
+struct WinnerQueue {
+    std::uint32_t object = 0;
+    std::uint32_t count = 0;
+    std::array<Particle, 2 * kShadeBlock + kMostLanes> particle;  // a block beyond what is waiting: written on trial
+    std::array<std::uint32_t, 2 * kShadeBlock + kMostLanes> pixel;
+};
+/// Objects share queues where they are more than this.
+constexpr std::uint32_t kQueues = 32;
+
 /// What a thread holds: one tile's keys and sums, and the particles of one repeat in it.
 struct TileFrame {
-    std::vector<std::uint64_t> keys = std::vector<std::uint64_t>(twin::kTilePixels, kNoHit);
+    // The last key is nobody's pixel: what a particle clears that has won nothing.
+    std::vector<std::uint64_t> keys = std::vector<std::uint64_t>(twin::kTilePixels + 1, kNoHit);
     std::vector<TilePixel> sums = std::vector<TilePixel>(twin::kTilePixels, TilePixel{});
     std::vector<std::uint32_t> depth = std::vector<std::uint32_t>(twin::kTilePixels, ~0U);
+    std::vector<WinnerQueue> queues = std::vector<WinnerQueue>(kQueues);
 
     // Of the span that is drawn, by particle:
-    std::vector<std::uint32_t> pixel;       // within the tile
+    std::vector<std::uint32_t> pixel;  // within the tile
     std::vector<std::uint64_t> key;
-    // … and by winner:
-    std::vector<Particle> won;
-    std::vector<std::uint32_t> won_pixel;
-    std::vector<std::uint32_t> won_index;   // within the span; only where colours are not asked for
-    std::vector<WonColor> won_color;
 
     void make_room(std::size_t count) {
         if (pixel.size() >= count + kMostLanes) return;
         pixel.resize(count + kMostLanes);
         key.resize(count + kMostLanes);
-        won.resize(count + kMostLanes);
-        won_pixel.resize(count + kMostLanes);
-        won_index.resize(count + kMostLanes);
-        won_color.resize(count + kMostLanes);
     }
 };
 
@@ -300,58 +304,6 @@ void shade_block(const ParticleShading& shading, const twin::Material& m, const 
     }
 }
 
-/// Reads and writes whole vectors: both arrays have room behind `count`.
-void shade_run(const ParticleShading& shading, std::uint32_t object, const Particle* particles, std::size_t count,
-               WonColor* out) {
-    const twin::Material& m = shading.materials[object];
-    if (m.texture_width > 0) {
-        for (std::size_t i = 0; i < count; ++i) {
-            const twin::ColorUnits c = shade_particle(shading, object, particles[i]);
-            out[i] = {c.red, c.green, c.blue, 1};
-        }
-        return;
-    }
-    for (std::size_t i = 0; i < count; i += kShadeBlock)
-        shade_block(shading, m, particles + i, std::min(kShadeBlock, count - i), out + i);
-}
-
-/// The nearest particle of every pixel, among those of one repeat in one tile. The winners, their pixels and
-/// colours (or indices) stand in the frame; returns how many. The keys are as they were before. `next`: what will be
-/// read after this, another repeat's particles, which no hardware foresees; asked for little by little.
-template <bool shaded>
-std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, const Particle* next, TileFrame& frame,
-                         const DrawConstants& constants) {
-    const std::uint32_t begin = run_begin(repeat, span.first_run);
-    const std::size_t count = run_begin(repeat, span.end_run) - begin;
-    const Particle* particles = repeat.particles.data() + begin;
-    frame.make_room(count);
-    project_span(constants.projection, particles, begin, count, frame);
-    for (std::size_t i = 0; i < count; ++i) {
-        std::uint64_t& held = frame.keys[frame.pixel[i]];
-        held = std::min(held, frame.key[i]);
-        if constexpr (shaded) __builtin_prefetch(&frame.sums[frame.pixel[i]], 1);
-    }
-    // Who still holds its pixel? Written without a branch: nobody could predict it.
-    std::size_t winners = 0;
-    std::size_t i = 0;
-    for (std::uint32_t run = span.first_run; run < span.end_run; ++run) {
-        const std::size_t first_winner = winners;
-        const std::size_t end = run_begin(repeat, run + 1) - begin;
-        for (; i < end; ++i) {
-            if constexpr (shaded) __builtin_prefetch(next + i, 0, 2);
-            frame.won[winners] = particles[i];
-            frame.won_pixel[winners] = frame.pixel[i];
-            if constexpr (!shaded) frame.won_index[winners] = static_cast<std::uint32_t>(i);
-            winners += frame.keys[frame.pixel[i]] == frame.key[i] ? 1U : 0U;
-        }
-        if constexpr (shaded)
-            shade_run(*constants.shading, repeat.runs[run].bin % constants.objects, &frame.won[first_winner],
-                      winners - first_winner, &frame.won_color[first_winner]);
-    }
-    for (std::size_t k = 0; k < winners; ++k) frame.keys[frame.won_pixel[k]] = kNoHit;
-    return winners;
-}
-
 /// Of numbers below 2^32.
 template <class D, class N = hn::Vec<D>>
 [[nodiscard]] HWY_INLINE N squared(D d, N value) {
@@ -364,36 +316,112 @@ template <class D, class N = hn::Vec<D>>
 #endif
 }
 
-/// Adds the winners of one repeat, of which no two share a pixel.
-void add_winners(std::size_t winners, TileFrame& frame) {
+/// Adds colours and depths to the sums of their pixels, one after the other.
+void add_winners(const Particle* particles, const std::uint32_t* pixels, const WonColor* colors, std::size_t count, TileFrame& frame) {
     using Wide = hn::CappedTag<std::uint64_t, 4>;
     const Wide wide;
     const hn::Rebind<std::uint32_t, Wide> narrow;
-    for (std::size_t k = 0; k < winners; ++k) {
-        TilePixel& sum = frame.sums[frame.won_pixel[k]];
-        const std::uint32_t* units = &frame.won_color[k].red;
+    for (std::size_t k = 0; k < count; ++k) {
+        TilePixel& sum = frame.sums[pixels[k]];
+        const std::uint32_t* units = &colors[k].red;
         for (std::size_t channel = 0; channel < 4; channel += hn::Lanes(wide)) {
             const auto one = hn::PromoteTo(wide, hn::Load(narrow, units + channel));
             hn::Store(hn::Add(hn::Load(wide, sum.color + channel), one), wide, sum.color + channel);
             hn::Store(hn::Add(hn::Load(wide, sum.square + channel), squared(wide, one)), wide, sum.square + channel);
         }
-        std::uint32_t& depth = frame.depth[frame.won_pixel[k]];
-        depth = std::min(depth, twin::floatBitsToUint(frame.won[k].above_near));
+        std::uint32_t& depth = frame.depth[pixels[k]];
+        depth = std::min(depth, twin::floatBitsToUint(particles[k].above_near));
     }
+}
+
+/// Shades and adds up to a block of what waits in the queue, and moves the rest to its front.
+void shade_queue(const ParticleShading& shading, WinnerQueue& queue, TileFrame& frame) {
+    alignas(64) std::array<WonColor, kShadeBlock + kMostLanes> color;
+    const std::size_t count = std::min<std::size_t>(queue.count, kShadeBlock);
+    const twin::Material& m = shading.materials[queue.object];
+    for (std::size_t k = 0; k < count; ++k) __builtin_prefetch(&frame.sums[queue.pixel[k]], 1);
+    if (m.texture_width == 0) {
+        shade_block(shading, m, queue.particle.data(), count, color.data());
+    } else {
+        for (std::size_t i = 0; i < count; ++i) {
+            const twin::ColorUnits c = shade_particle(shading, queue.object, queue.particle[i]);
+            color[i] = {c.red, c.green, c.blue, 1};
+        }
+    }
+    add_winners(queue.particle.data(), queue.pixel.data(), color.data(), count, frame);
+    queue.count -= static_cast<std::uint32_t>(count);
+    std::copy_n(queue.particle.begin() + count, queue.count, queue.particle.begin());
+    std::copy_n(queue.pixel.begin() + count, queue.count, queue.pixel.begin());
+}
+
+[[nodiscard]] WinnerQueue& queue_of(std::uint32_t object, const ParticleShading& shading, TileFrame& frame) {
+    WinnerQueue& queue = frame.queues[object % kQueues];
+    while (queue.object != object && queue.count > 0) shade_queue(shading, queue, frame);
+    queue.object = object;
+    return queue;
+}
+
+/// Projects the particles of one repeat in one tile and takes the least key of every pixel.
+void splat_span(const RepeatParticles& repeat, const TileSpan& span, const DrawConstants& constants, TileFrame& frame) {
+    const std::uint32_t begin = run_begin(repeat, span.first_run);
+    const std::size_t count = run_begin(repeat, span.end_run) - begin;
+    frame.make_room(count);
+    project_span(constants.projection, repeat.particles.data() + begin, begin, count, frame);
+    for (std::size_t i = 0; i < count; ++i) {
+        std::uint64_t& held = frame.keys[frame.pixel[i]];
+        held = std::min(held, frame.key[i]);
+    }
+}
+
+/// Moves those who still hold their pixel to the queue, and clears their keys: no other particle's key could have
+/// been equal. Without a branch, since nobody could predict it. `next`: what will be read after this, another repeat's
+/// particles, which no hardware foresees; asked for little by little.
+void queue_winners(const Particle* particles, std::size_t begin, std::size_t end, const Particle* next, WinnerQueue& queue, TileFrame& frame) {
+    std::uint32_t count = queue.count;
+    for (std::size_t i = begin; i < end; ++i) {
+        __builtin_prefetch(next + i, 0, 2);
+        const std::uint32_t pixel = frame.pixel[i];
+        const bool won = frame.keys[pixel] == frame.key[i];
+        queue.particle[count] = particles[i];
+        queue.pixel[count] = pixel;
+        frame.keys[won ? pixel : static_cast<std::uint32_t>(twin::kTilePixels)] = kNoHit;
+        count += won ? 1U : 0U;
+    }
+    queue.count = count;
 }
 
 void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const DrawConstants& constants, TileFrame& frame) {
-    for (std::size_t i = 0; i < spans.size(); ++i) {
-        const TileSpan& after = spans[std::min(i + 1, spans.size() - 1)];
-        const RepeatParticles& repeat = set.repeats[after.repeat];
-        const Particle* next = repeat.particles.data() + run_begin(repeat, after.first_run);
-        add_winners(find_winners<true>(set.repeats[spans[i].repeat], spans[i], next, frame, constants), frame);
+    for (std::size_t s = 0; s < spans.size(); ++s) {
+        const TileSpan& span = spans[s];
+        const TileSpan& after = spans[std::min(s + 1, spans.size() - 1)];
+        const Particle* next = set.repeats[after.repeat].particles.data() + run_begin(set.repeats[after.repeat], after.first_run);
+        const RepeatParticles& repeat = set.repeats[span.repeat];
+        const std::uint32_t begin = run_begin(repeat, span.first_run);
+        splat_span(repeat, span, constants, frame);
+        for (std::uint32_t run = span.first_run; run < span.end_run; ++run) {
+            WinnerQueue& queue = queue_of(repeat.runs[run].bin % constants.objects, *constants.shading, frame);
+            const std::size_t end = run_begin(repeat, run + 1) - begin;
+            for (std::size_t i = run_begin(repeat, run) - begin; i < end; i += kShadeBlock) {
+                queue_winners(repeat.particles.data() + begin, i, std::min(i + kShadeBlock, end), next, queue, frame);
+                if (queue.count >= kShadeBlock) shade_queue(*constants.shading, queue, frame);
+            }
+        }
     }
+    for (WinnerQueue& queue : frame.queues)
+        while (queue.count > 0) shade_queue(*constants.shading, queue, frame);
 }
 
-void find_span_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants, TileFrame& frame,
-                       std::size_t& winners) {
-    winners = find_winners<false>(set.repeats[span.repeat], span, nullptr, frame, constants);
+/// `won`: for every particle of the span its pixel of the tile if it won, else kNoPixel.
+void find_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants, TileFrame& frame,
+                  std::vector<std::uint32_t>& won) {
+    const RepeatParticles& repeat = set.repeats[span.repeat];
+    splat_span(repeat, span, constants, frame);
+    won.resize(run_begin(repeat, span.end_run) - run_begin(repeat, span.first_run));
+    for (std::size_t i = 0; i < won.size(); ++i) {
+        std::uint64_t& held = frame.keys[frame.pixel[i]];
+        won[i] = held == frame.key[i] ? frame.pixel[i] : kNoPixel;
+        if (won[i] != kNoPixel) held = kNoHit;
+    }
 }
 
 }  // namespace
@@ -406,7 +434,7 @@ namespace pellucid {
 namespace {
 
 HWY_EXPORT(draw_spans);
-HWY_EXPORT(find_span_winners);
+HWY_EXPORT(find_winners);
 
 /// One piece of work: some repeats of one tile.
 struct Item {
@@ -471,7 +499,8 @@ public:
 
     [[nodiscard]] std::int64_t bytes() const override {
         constexpr std::int64_t kOnePixel = sizeof(std::uint64_t) + sizeof(TilePixel) + sizeof(std::uint32_t);
-        return kOnePixel * twin::kTilePixels * thread_count();
+        constexpr std::int64_t kOneThread = kOnePixel * twin::kTilePixels + sizeof(WinnerQueue) * kQueues;
+        return kOneThread * thread_count();
     }
 
 private:
@@ -499,11 +528,11 @@ private:
     }
 
     void note_winners(const ParticleSet& set, std::size_t tile, const TileSpan& span, TileFrame& frame, Winners& out) const {
-        std::size_t winners = 0;
-        HWY_DYNAMIC_DISPATCH(find_span_winners)(set, span, constants_, frame, winners);
+        std::vector<std::uint32_t> won;
+        HWY_DYNAMIC_DISPATCH(find_winners)(set, span, constants_, frame, won);
         const std::uint32_t begin = run_begin(set.repeats[span.repeat], span.first_run);
-        for (std::size_t k = 0; k < winners; ++k)
-            out[begin + frame.won_index[k]] = static_cast<std::uint32_t>(pixel_of(tile, frame.won_pixel[k]));
+        for (std::size_t i = 0; i < won.size(); ++i)
+            if (won[i] != kNoPixel) out[begin + i] = static_cast<std::uint32_t>(pixel_of(tile, won[i]));
     }
 
     const Camera& camera_;

@@ -4,6 +4,7 @@
 #include <cstdint>
 #include <vector>
 
+#include "core/huge_pages.hpp"
 #include "core/image.hpp"
 #include "sample/particle_set.hpp"
 #include "scene/prepared_scene.hpp"
@@ -20,7 +21,7 @@ struct EnsembleSums {
 
         void add(const Pixel& other);
     };
-    std::vector<Pixel> pixels;        // row by row
+    std::vector<Pixel, HugePageAllocator<Pixel>> pixels;  // row by row
     double units = 65535;             // color units of 1.0: see color_units_of
     std::uint64_t particles = 0;
     std::uint64_t repeats = 0;
