@@ -8,6 +8,7 @@
 #include <atomic>
 #include <chrono>
 #include <cstring>
+#include <filesystem>
 #include <string>
 
 #include <benchmark/benchmark.h>
@@ -120,6 +121,18 @@ void vulkan_splat_probe(benchmark::State& state) {
     state.counters["particles"] = rate(done(state) * probe.count());
 }
 
+/// Clear, project, resolve: who won which pixel, and no more.
+void winners_on_vulkan(benchmark::State& state) {
+    const Drawing& d = drawing<50'000'000>();
+    static const auto drawer = vulkan::make_particle_drawer(device(), d.scene);
+    for (auto _ : state) {
+        const double before = drawer->device_times().empty() ? 0 : drawer->device_times().front().device_s;
+        benchmark::DoNotOptimize(drawer->winners(d.particles).data());
+        state.SetIterationTime(drawer->device_times().front().device_s - before);
+    }
+    state.counters["particles"] = rate(done(state) * d.particles.count());
+}
+
 /// The whole ensemble by the device's clock; `wall`: by the host's, with all copies.
 template <bool wall>
 void draw_on_vulkan(benchmark::State& state) {
@@ -144,15 +157,17 @@ void draw_on_vulkan(benchmark::State& state) {
 
 // ---- Sampling ---------------------------------------------------------------------------------
 
-/// About 10^6 trials for every shape, in repeats of some 10^5.
-template <PreparedScene (*make_scene)()>
+/// About 2·10^7 trials for every shape, in repeats of some 10^5.
+template <PreparedScene (*make_scene)(), LineMode lines>
 void sample(benchmark::State& state) {
     static const PreparedScene scene = make_scene();
     static const std::vector<LineSampler> samplers = make_samplers(scene);
-    const double trials = mean_trials(samplers[0], TrialLaw::poisson);
-    const auto repeats = static_cast<std::uint32_t>(1 + 1e6 / trials);
+    double trials = 0;
+    for (const LineSampler& sampler : samplers) trials += mean_trials(sampler, TrialLaw::poisson);
+    const auto repeats = static_cast<std::uint32_t>(1 + 2e7 / trials);
     std::uint64_t particles = 0;
-    for (auto _ : state) particles += sample_particles(scene, samplers, {}, 0, repeats).count();
+    for (auto _ : state)
+        particles += sample_particles(scene, samplers, {.seed = {}, .lines = lines, .exact_count = {}}, 0, repeats).count();
     state.counters["particles"] = rate(particles);
     // By their mean: the Poisson law's spread is one in a thousand here.
     state.counters["trials"] = rate(done(state) * static_cast<std::uint64_t>(trials * repeats));
@@ -245,13 +260,16 @@ void register_all() {
             return b->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
         };
         by_own_clock(RegisterBenchmark("vulkan/probe", vulkan_splat_probe));
+        by_own_clock(RegisterBenchmark("vulkan/winners_5e7", winners_on_vulkan));
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7", draw_on_vulkan<false>));
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7_with_copies", draw_on_vulkan<true>));
     }
     thrice(RegisterBenchmark("sample/probe", torus_lines_probe));
-    once(RegisterBenchmark("sample/torus", sample<torus>));
-    once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full>));
-    once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface>));
+    once(RegisterBenchmark("sample/torus", sample<torus, LineMode::exact>));
+    once(RegisterBenchmark("sample/torus_fast_mode", sample<torus, LineMode::fast>));
+    once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full, LineMode::exact>));
+    once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface, LineMode::exact>));
+    if (std::filesystem::exists(kHeadFile)) once(RegisterBenchmark("sample/head", sample<real_head, LineMode::exact>));
     thrice(RegisterBenchmark("truth/probe", embree_probe));
     thrice(RegisterBenchmark("truth/gather", gather_all_hits));
     RegisterBenchmark("truth/whole_box", trace_whole_truth<PixelFilter::box>)
@@ -263,8 +281,7 @@ void register_all() {
 // ---- Memory -----------------------------------------------------------------------------------
 
 /// Samples and draws 5e7 particles and prints what was resident, in bytes. The budget: 16 a particle and
-/// two frames a thread, of which one holds the winners (a key and a place in the list of hits a pixel),
-/// the other the sums; and the image of sums that the caller gets.
+/// what a thread holds of one tile; and the image of sums that the caller gets.
 void print_memory() {
     const PreparedScene scene = crossing_cards();
     const auto samplers = make_samplers(scene);
@@ -273,17 +290,16 @@ void print_memory() {
     const ParticleSet particles = sample_particles(scene, samplers, settings, 0, kRepeats);
     const std::uint64_t sampled = peak_rss_bytes();
     EnsembleSums sums = make_sums(scene);
-    make_plain_drawer(scene)->draw(particles, sums);
+    const auto drawer = make_fast_drawer(scene);
+    drawer->draw(particles, sums);
     const std::uint64_t drawn = peak_rss_bytes();
-    const std::uint64_t winner_frame = sums.pixels.size() * (sizeof(std::uint64_t) + sizeof(std::uint32_t));
-    const std::uint64_t sums_frame = sums.pixels.size() * sizeof(EnsembleSums::Pixel);
-    const std::uint64_t budget =
-        sizeof(Particle) * particles.count() + kThreads * (winner_frame + sums_frame) + sums_frame;
+    const auto frames = static_cast<std::uint64_t>(drawer->bytes());
+    const std::uint64_t image = sums.pixels.size() * sizeof(EnsembleSums::Pixel);
+    const std::uint64_t budget = sizeof(Particle) * particles.count() + frames + image;
     fmt::print("{{\"threads\": {}, \"particles\": {}, \"particle_set_bytes\": {}, "
-               "\"winner_frame_bytes\": {}, \"sums_frame_bytes\": {}, \"rss_before_bytes\": {}, "
+               "\"frame_bytes\": {}, \"sums_bytes\": {}, \"rss_before_bytes\": {}, "
                "\"rss_sampled_bytes\": {}, \"rss_drawn_bytes\": {}, \"budget_bytes\": {}}}\n",
-               kThreads, particles.count(), particles.bytes(), winner_frame, sums_frame, before, sampled,
-               drawn, budget);
+               kThreads, particles.count(), particles.bytes(), frames, image, before, sampled, drawn, budget);
 }
 
 }  // namespace

@@ -145,6 +145,14 @@ PreparedScene nested_spheres(int size, double opacity) {
     return prepare(scene);
 }
 
+PreparedScene real_head() {
+    Scene scene = empty_scene(kImageSize, {260, 300, 90});
+    scene.camera.target = {0, -18, 10};
+    scene.camera.up = {0, 0, 1};
+    scene.surfaces.push_back(glossy("skin", IsosurfaceShape{kHeadFile, 40}));
+    return prepare(scene);
+}
+
 PreparedScene wavy_isosurface() {
     const ScratchFolder scratch;
     write_wavy_volume(scratch.file("ball.nrrd"), 128);
