@@ -24,7 +24,8 @@ namespace {
 constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
 /// Most lanes of 32 bits: what is read in whole vectors is padded by this much.
 constexpr std::size_t kMostLanes = 64;
-/// Particles shaded at a time: their intermediate numbers fit into the first-level cache. A multiple of kMostLanes.
+/// Particles shaded at a time: their intermediate numbers fit into the first-level cache. A multiple of the
+/// lanes there may be, kMostLanes.
 constexpr std::size_t kShadeBlock = 256;
 
 /// A pixel's sums, one cache line.
@@ -85,9 +86,11 @@ using F = hn::ScalableTag<float>;
 using U = hn::RebindToUnsigned<F>;
 using I = hn::RebindToSigned<F>;
 
-/// Pixels within the tile, and keys, of `count` particles: SIMD of twin::project_quickly, which is called where float32
-/// does not decide. All of them lie in the tile, so only the pixel is asked for. `first` is their index in the repeat.
-void project_span(const twin::Projection& p, const Particle* particles, std::uint32_t first, std::size_t count, TileFrame& frame) {
+/// Pixels within the tile, and keys, of `count` particles: SIMD of twin::project_quickly, which is called
+/// where float32 does not decide. All of them lie in the tile, so only the pixel is asked for. `first` is
+/// their index in the repeat.
+void project_span(const twin::Projection& p, const Particle* particles, std::uint32_t first,
+                  std::size_t count, TileFrame& frame) {
     const F f;
     const U u;
     const I s;
@@ -106,8 +109,10 @@ void project_span(const twin::Projection& p, const Particle* particles, std::uin
         hn::Vec<F> x, y, z, normal;
         hn::LoadInterleaved4(f, reinterpret_cast<const float*>(from), x, y, z, normal);
         const auto w = p.perspective != 0 ? hn::Add(hn::Set(f, p.quick_near), z) : hn::Set(f, 1.0F);
-        const auto at_x = hn::Add(hn::Div(hn::Mul(x, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_x));
-        const auto at_y = hn::Add(hn::Div(hn::Mul(y, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_y));
+        const auto at_x =
+            hn::Add(hn::Div(hn::Mul(x, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_x));
+        const auto at_y =
+            hn::Add(hn::Div(hn::Mul(y, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_y));
         const auto floor_x = hn::Floor(at_x);
         const auto floor_y = hn::Floor(at_y);
         const auto share_x = hn::Sub(at_x, floor_x);
@@ -117,21 +122,24 @@ void project_span(const twin::Projection& p, const Particle* particles, std::uin
                                      hn::Gt(w, hn::Set(f, 1e-30F)));
         const auto column = hn::And(hn::ConvertTo(s, floor_x), mask);
         const auto row = hn::And(hn::ConvertTo(s, floor_y), mask);
-        hn::StoreU(hn::BitCast(u, hn::Or(hn::ShiftLeft<twin::kTileShift>(row), column)), u, frame.pixel.data() + i);
+        hn::StoreU(hn::BitCast(u, hn::Or(hn::ShiftLeft<twin::kTileShift>(row), column)), u,
+                   frame.pixel.data() + i);
         const auto index = hn::Add(hn::Set(u, first + static_cast<std::uint32_t>(i)), step);
         const auto scrambled = hn::Mul(index, hn::Set(u, 0x9e3779b1U));  // twin::scramble_index
-        hn::StoreInterleaved2(scrambled, hn::BitCast(u, z), u, reinterpret_cast<std::uint32_t*>(frame.key.data() + i));
+        hn::StoreInterleaved2(scrambled, hn::BitCast(u, z), u,
+                              reinterpret_cast<std::uint32_t*>(frame.key.data() + i));
         if (HWY_UNLIKELY(!hn::AllTrue(f, decided)))
             for (std::size_t k = 0; k < std::min(lanes, count - i); ++k) {
                 const twin::PixelDepth exact = twin::project_quickly(p, from[k]);
                 constexpr int kMask = twin::kTileSide - 1;
-                frame.pixel[i + k] = static_cast<std::uint32_t>(((exact.row & kMask) << twin::kTileShift) | (exact.column & kMask));
+                frame.pixel[i + k] = static_cast<std::uint32_t>(((exact.row & kMask) << twin::kTileShift) |
+                                                                (exact.column & kMask));
             }
     }
 }
 
-// SIMD of kernel/math_twin.h, normal_twin.h, shading_twin.h and particle_twin.h: the same operations in the same
-// order, so the same bits.
+// SIMD of kernel/math_twin.h, normal_twin.h, shading_twin.h and particle_twin.h: the same operations in the
+// same order, so the same bits.
 
 using V = hn::Vec<F>;
 
@@ -169,7 +177,8 @@ struct V3 {
     const V f4 = hn::Mul(f2, f2);
     const V low = add_product(line(1.44269502F, -0.721347332F), f2, line(0.480910629F, -0.360703677F));
     const V high = add_product(line(0.287916243F, -0.238944829F), f2, line(0.215715617F, -0.207269683F));
-    return add_product(hn::ConvertTo(F(), k), f, add_product(low, f4, add_product(high, f4, set(0.125836894F))));
+    return add_product(hn::ConvertTo(F(), k), f,
+                       add_product(low, f4, add_product(high, f4, set(0.125836894F))));
 }
 
 [[nodiscard]] HWY_INLINE V quick_exp2(V t) {
@@ -180,7 +189,8 @@ struct V3 {
     const V r2 = hn::Mul(r, r);
     const V high = add_product(line(0.00961848907F, 0.00133999309F), r2, set(0.00015345811F));
     const V low = add_product(line(1.0F, 0.693147182F), r2, line(0.240226462F, 0.0555032864F));
-    const auto scaled = hn::Add(hn::BitCast(s, add_product(low, hn::Mul(r2, r2), high)), hn::ShiftLeft<23>(n));
+    const auto scaled =
+        hn::Add(hn::BitCast(s, add_product(low, hn::Mul(r2, r2), high)), hn::ShiftLeft<23>(n));
     return hn::BitCast(F(), hn::IfThenZeroElse(hn::Lt(n, hn::Set(s, -125)), scaled));
 }
 
@@ -194,7 +204,9 @@ struct V3 {
 
 [[nodiscard]] HWY_INLINE V with_sign_of(V size, V sign) { return hn::Or(size, hn::And(sign, set(-0.0F))); }
 
-[[nodiscard]] HWY_INLINE V3 scaled(const V3& v, V s) { return {hn::Mul(v.x, s), hn::Mul(v.y, s), hn::Mul(v.z, s)}; }
+[[nodiscard]] HWY_INLINE V3 scaled(const V3& v, V s) {
+    return {hn::Mul(v.x, s), hn::Mul(v.y, s), hn::Mul(v.z, s)};
+}
 
 [[nodiscard]] HWY_INLINE V3 unpack_normal(hn::Vec<U> bits) {
     const I s;
@@ -240,17 +252,19 @@ HWY_INLINE void put(V value, Column& column, std::size_t i) { hn::Store(value, F
 struct alignas(64) Column3 {
     Column x, y, z;
 };
-HWY_INLINE V3 get(const Column3& column, std::size_t i) { return {get(column.x, i), get(column.y, i), get(column.z, i)}; }
+HWY_INLINE V3 get(const Column3& column, std::size_t i) {
+    return {get(column.x, i), get(column.y, i), get(column.z, i)};
+}
 HWY_INLINE void put(const V3& value, Column3& column, std::size_t i) {
     put(value.x, column.x, i);
     put(value.y, column.y, i);
     put(value.z, column.z, i);
 }
 
-/// Diffuse and specular light on `count` particles, step by step for all of them: a step's chain of operations is
-/// short, and those of several vectors run side by side.
-void light_block(const ParticleShading& shading, float shininess, const Particle* particles, std::size_t count, Column& diffuse,
-                 Column& specular) {
+/// Diffuse and specular light on `count` particles, step by step for all of them: a step's chain of
+/// operations is short, and those of several vectors run side by side.
+void light_block(const ParticleShading& shading, float shininess, const Particle* particles,
+                 std::size_t count, Column& diffuse, Column& specular) {
     const std::size_t lanes = hn::Lanes(F());
     alignas(64) Column3 viewer, normal;
     alignas(64) Column n_h, exponent;
@@ -275,15 +289,17 @@ void light_block(const ParticleShading& shading, float shininess, const Particle
             put(hn::Min(hn::Max(product, set(0)), set(1.0F)), n_h, i);
             put(add_product(get(diffuse, i), intensity, hn::Max(set(0), dot(n, l))), diffuse, i);
         }
-        for (std::size_t i = 0; i < count; i += lanes) put(power_exponent(get(n_h, i), shininess), exponent, i);
         for (std::size_t i = 0; i < count; i += lanes)
-            put(add_product(get(specular, i), intensity, power_of(get(n_h, i), shininess, get(exponent, i))), specular, i);
+            put(power_exponent(get(n_h, i), shininess), exponent, i);
+        for (std::size_t i = 0; i < count; i += lanes)
+            put(add_product(get(specular, i), intensity, power_of(get(n_h, i), shininess, get(exponent, i))),
+                specular, i);
     }
 }
 
 /// Colours of at most kShadeBlock particles of one object without an image.
-void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles, std::size_t count,
-                 WonColor* out) {
+void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles,
+                 std::size_t count, WonColor* out) {
     alignas(64) Column diffuse, specular;
     const bool lit = m.flat_colored == 0;
     if (lit) light_block(shading, m.shininess, particles, count, diffuse, specular);
@@ -295,14 +311,15 @@ void shade_block(const ParticleShading& shading, const twin::Material& m, const 
             const V highlight = hn::Mul(set(m.specular), get(specular, i));
             for (V& channel : color) channel = hn::Add(hn::Mul(channel, all), highlight);
         }
-        hn::StoreInterleaved4(channel_units(color[0], units), channel_units(color[1], units), channel_units(color[2], units),
-                              hn::Set(U(), 1), U(), reinterpret_cast<std::uint32_t*>(out + i));
+        hn::StoreInterleaved4(channel_units(color[0], units), channel_units(color[1], units),
+                              channel_units(color[2], units), hn::Set(U(), 1), U(),
+                              reinterpret_cast<std::uint32_t*>(out + i));
     }
 }
 
 /// Reads and writes whole vectors: both arrays have room behind `count`.
-void shade_run(const ParticleShading& shading, std::uint32_t object, const Particle* particles, std::size_t count,
-               WonColor* out) {
+void shade_run(const ParticleShading& shading, std::uint32_t object, const Particle* particles,
+               std::size_t count, WonColor* out) {
     const twin::Material& m = shading.materials[object];
     if (m.texture_width > 0) {
         for (std::size_t i = 0; i < count; ++i) {
@@ -316,11 +333,11 @@ void shade_run(const ParticleShading& shading, std::uint32_t object, const Parti
 }
 
 /// The nearest particle of every pixel, among those of one repeat in one tile. The winners, their pixels and
-/// colours (or indices) stand in the frame; returns how many. The keys are as they were before. `next`: what will be
-/// read after this, another repeat's particles, which no hardware foresees; asked for little by little.
+/// colours (or indices) stand in the frame; returns how many. The keys are as they were before. `next`: what
+/// will be read after this, another repeat's particles, which no hardware foresees; fetched bit by bit.
 template <bool shaded>
-std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, const Particle* next, TileFrame& frame,
-                         const DrawConstants& constants) {
+std::size_t find_winners(const RepeatParticles& repeat, const TileSpan& span, const Particle* next,
+                         TileFrame& frame, const DrawConstants& constants) {
     const std::uint32_t begin = run_begin(repeat, span.first_run);
     const std::size_t count = run_begin(repeat, span.end_run) - begin;
     const Particle* particles = repeat.particles.data() + begin;
@@ -375,24 +392,27 @@ void add_winners(std::size_t winners, TileFrame& frame) {
         for (std::size_t channel = 0; channel < 4; channel += hn::Lanes(wide)) {
             const auto one = hn::PromoteTo(wide, hn::Load(narrow, units + channel));
             hn::Store(hn::Add(hn::Load(wide, sum.color + channel), one), wide, sum.color + channel);
-            hn::Store(hn::Add(hn::Load(wide, sum.square + channel), squared(wide, one)), wide, sum.square + channel);
+            hn::Store(hn::Add(hn::Load(wide, sum.square + channel), squared(wide, one)), wide,
+                      sum.square + channel);
         }
         std::uint32_t& depth = frame.depth[frame.won_pixel[k]];
         depth = std::min(depth, twin::floatBitsToUint(frame.won[k].above_near));
     }
 }
 
-void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const DrawConstants& constants, TileFrame& frame) {
+void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const DrawConstants& constants,
+                TileFrame& frame) {
     for (std::size_t i = 0; i < spans.size(); ++i) {
         const TileSpan& after = spans[std::min(i + 1, spans.size() - 1)];
         const RepeatParticles& repeat = set.repeats[after.repeat];
         const Particle* next = repeat.particles.data() + run_begin(repeat, after.first_run);
-        add_winners(find_winners<true>(set.repeats[spans[i].repeat], spans[i], next, frame, constants), frame);
+        add_winners(find_winners<true>(set.repeats[spans[i].repeat], spans[i], next, frame, constants),
+                    frame);
     }
 }
 
-void find_span_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants, TileFrame& frame,
-                       std::size_t& winners) {
+void find_span_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants,
+                       TileFrame& frame, std::size_t& winners) {
     winners = find_winners<false>(set.repeats[span.repeat], span, nullptr, frame, constants);
 }
 
@@ -417,7 +437,8 @@ struct Item {
 
 /// Tiles, cut by repeats where there are too few of them for all threads.
 [[nodiscard]] std::vector<Item> cut_into_items(const TileSpans& spans) {
-    const std::size_t most = std::max<std::size_t>(16, spans.spans.size() / (8 * static_cast<std::size_t>(thread_count())));
+    const std::size_t most =
+        std::max<std::size_t>(16, spans.spans.size() / (8 * static_cast<std::size_t>(thread_count())));
     std::vector<Item> items;
     for (std::uint32_t tile = 0; tile + 1 < spans.tile_begin.size(); ++tile) {
         const std::size_t begin = spans.tile_begin[tile];
@@ -437,7 +458,8 @@ public:
           grid_(scene.camera.width(), scene.camera.height()),
           frame_(scene.camera),
           shading_(scene, frame_),
-          constants_{frame_.projection(scene.camera), &shading_, static_cast<std::uint32_t>(scene.objects.size())} {}
+          constants_{frame_.projection(scene.camera), &shading_,
+                     static_cast<std::uint32_t>(scene.objects.size())} {}
 
     void draw(const ParticleSet& set, EnsembleSums& sums) override {
         const TileSpans spans(set, grid_.count());
@@ -447,7 +469,8 @@ public:
             TileFrame& mine = frames_.local();
             for (std::size_t i = begin; i < end; ++i) {
                 const Item& item = items[i];
-                const auto part = std::span(spans.spans).subspan(item.first_span, item.end_span - item.first_span);
+                const auto part =
+                    std::span(spans.spans).subspan(item.first_span, item.end_span - item.first_span);
                 HWY_DYNAMIC_DISPATCH(draw_spans)(set, part, constants_, mine);
                 const std::lock_guard lock(owned[item.tile]);
                 add_tile(item.tile, mine, sums);
@@ -464,7 +487,8 @@ public:
         parallel_for(grid_.count(), 1, [&](std::size_t begin, std::size_t end) {
             TileFrame& mine = frames_.local();
             for (std::size_t tile = begin; tile < end; ++tile)
-                for (const TileSpan& span : spans.of(tile)) note_winners(set, tile, span, mine, all[span.repeat]);
+                for (const TileSpan& span : spans.of(tile))
+                    note_winners(set, tile, span, mine, all[span.repeat]);
         });
         return all;
     }
@@ -476,7 +500,8 @@ public:
 
 private:
     [[nodiscard]] std::size_t pixel_of(std::size_t tile, std::size_t local) const {
-        const std::size_t column = (tile % grid_.columns << twin::kTileShift) + (local & (twin::kTileSide - 1));
+        const std::size_t column =
+            (tile % grid_.columns << twin::kTileShift) + (local & (twin::kTileSide - 1));
         const std::size_t row = (tile / grid_.columns << twin::kTileShift) + (local >> twin::kTileShift);
         return row * static_cast<std::size_t>(camera_.width()) + column;
     }
@@ -498,7 +523,8 @@ private:
         }
     }
 
-    void note_winners(const ParticleSet& set, std::size_t tile, const TileSpan& span, TileFrame& frame, Winners& out) const {
+    void note_winners(const ParticleSet& set, std::size_t tile, const TileSpan& span, TileFrame& frame,
+                      Winners& out) const {
         std::size_t winners = 0;
         HWY_DYNAMIC_DISPATCH(find_span_winners)(set, span, constants_, frame, winners);
         const std::uint32_t begin = run_begin(set.repeats[span.repeat], span.first_run);
@@ -516,7 +542,9 @@ private:
 
 }  // namespace
 
-std::unique_ptr<ParticleDrawer> make_fast_drawer(const PreparedScene& scene) { return std::make_unique<FastDrawer>(scene); }
+std::unique_ptr<ParticleDrawer> make_fast_drawer(const PreparedScene& scene) {
+    return std::make_unique<FastDrawer>(scene);
+}
 
 }  // namespace pellucid
 #endif
