@@ -167,7 +167,9 @@ void sample(benchmark::State& state) {
     const auto repeats = static_cast<std::uint32_t>(1 + 2e7 / trials);
     std::uint64_t particles = 0;
     for (auto _ : state)
-        particles += sample_particles(scene, samplers, {.seed = {}, .lines = lines, .exact_count = {}}, 0, repeats).count();
+        particles +=
+            sample_particles(scene, samplers, {.seed = {}, .lines = lines, .exact_count = {}}, 0, repeats)
+                .count();
     state.counters["particles"] = rate(particles);
     // By their mean: the Poisson law's spread is one in a thousand here.
     state.counters["trials"] = rate(done(state) * static_cast<std::uint64_t>(trials * repeats));
@@ -269,7 +271,8 @@ void register_all() {
     once(RegisterBenchmark("sample/torus_fast_mode", sample<torus, LineMode::fast>));
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface, LineMode::exact>));
-    if (std::filesystem::exists(kHeadFile)) once(RegisterBenchmark("sample/head", sample<real_head, LineMode::exact>));
+    if (std::filesystem::exists(kHeadFile))
+        once(RegisterBenchmark("sample/head", sample<real_head, LineMode::exact>));
     thrice(RegisterBenchmark("truth/probe", embree_probe));
     thrice(RegisterBenchmark("truth/gather", gather_all_hits));
     RegisterBenchmark("truth/whole_box", trace_whole_truth<PixelFilter::box>)

@@ -43,7 +43,8 @@ double VulkanSplatProbe::run() {
     commands_.begin_stage("splat");
     commands_.fill(keys_, 0, keys_.bytes(), ~0U);
     commands_.barrier();
-    commands_.dispatch(kernel_, Push{points_.address(), keys_.address(), static_cast<std::uint32_t>(count_), size_},
+    commands_.dispatch(kernel_,
+                       Push{points_.address(), keys_.address(), static_cast<std::uint32_t>(count_), size_},
                        device_.groups_for(count_, kGroup));
     commands_.end_stage();
     return commands_.submit_and_wait().front().seconds;

@@ -7,7 +7,8 @@ set(PELLUCID_PACKAGE_DIR ${CMAKE_INSTALL_LIBDIR}/cmake/pellucid)
 
 install(TARGETS pellucid EXPORT pellucid-targets ARCHIVE)
 install(DIRECTORY lib/ DESTINATION ${CMAKE_INSTALL_INCLUDEDIR}/pellucid
-        FILES_MATCHING PATTERN "vulkan/context.hpp" EXCLUDE PATTERN "*.hpp" PATTERN "*_twin.h" PATTERN "twin.h")
+        FILES_MATCHING PATTERN "vulkan/context.hpp" EXCLUDE
+                       PATTERN "*.hpp" PATTERN "*_twin.h" PATTERN "twin.h")
 install(EXPORT pellucid-targets NAMESPACE pellucid:: DESTINATION ${PELLUCID_PACKAGE_DIR})
 
 configure_file(cmake/pellucid-config.cmake.in package/pellucid-config.cmake COPYONLY)

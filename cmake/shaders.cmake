@@ -1,5 +1,6 @@
-# Shaders: lib/vulkan/shaders/NAME.comp.glsl (and those of the probes in bench/) becomes the words of its SPIR-V in generated/shaders/NAME.comp.inc,
-# which C++ includes between braces. They include twin headers as C++ does: #include "kernel/NAME_twin.h".
+# Shaders: lib/vulkan/shaders/NAME.comp.glsl (and those of the probes in bench/) becomes the words of its
+# SPIR-V in generated/shaders/NAME.comp.inc, which C++ includes between braces: #include
+# "shaders/NAME.comp.inc". They include twin headers as C++ does: #include "kernel/NAME_twin.h".
 find_program(GLSLC glslc REQUIRED)
 file(GLOB PELLUCID_SHADERS CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/lib/vulkan/shaders/*.comp.glsl
      ${CMAKE_CURRENT_SOURCE_DIR}/bench/*.comp.glsl)
@@ -9,8 +10,8 @@ foreach(source ${PELLUCID_SHADERS})
     set(words ${CMAKE_BINARY_DIR}/generated/shaders/${name}.comp.inc)
     add_custom_command(OUTPUT ${words} DEPENDS ${source} DEPFILE ${words}.d VERBATIM
         COMMAND ${CMAKE_COMMAND} -E make_directory ${CMAKE_BINARY_DIR}/generated/shaders
-        COMMAND ${GLSLC} --target-env=vulkan1.3 -fshader-stage=compute -O -Werror -mfmt=num -MD -MF ${words}.d -MT ${words}
-                -I ${CMAKE_CURRENT_SOURCE_DIR}/lib ${source} -o ${words}
+        COMMAND ${GLSLC} --target-env=vulkan1.3 -fshader-stage=compute -O -Werror -mfmt=num
+                -MD -MF ${words}.d -MT ${words} -I ${CMAKE_CURRENT_SOURCE_DIR}/lib ${source} -o ${words}
         COMMENT "Shader ${name}")
     list(APPEND shader_words ${words})
 endforeach()

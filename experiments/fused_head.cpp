@@ -1,4 +1,4 @@
-// Does a head, skin and brain fused from opaque particles, equal its ray-traced truth but for the noise of theory?
+// Does a head, skin and brain fused from opaque particles, equal its ray-traced truth but for the noise?
 // configs/fused_head.toml, scenes/fused_head.toml -> results/fused_head/ -> analysis/fused_head.py
 #include <algorithm>
 #include <bit>
@@ -26,18 +26,26 @@ struct Settings {
 };
 
 Settings read_settings(const ConfigTable& t) {
-    const auto count = [&](const char* key, std::int64_t lo) { return t.integer(key, kRequired, {lo, 1 << 20}); };
+    const auto count = [&](const char* key, std::int64_t lo) {
+        return t.integer(key, kRequired, {lo, 1 << 20});
+    };
     const auto truth = [&](PixelFilter filter, const char* error, const char* samples) {
-        return TruthSettings{filter, {}, t.number(error, kRequired, above(0)), static_cast<int>(count(samples, 64))};
+        return TruthSettings{
+            filter, {}, t.number(error, kRequired, above(0)), static_cast<int>(count(samples, 64))};
     };
     const std::vector<std::string> backends = t.texts("backends", kRequired);
     for (const std::string& backend : backends)
         if (backend != "cpu" && backend != "vulkan")
             throw t.error("backends", fmt::format("holds \"{}\", expected \"cpu\", \"vulkan\"", backend));
-    return {backends, t.file("scene"), t.integers("resolution", kRequired, {1, 1 << 15}, exactly(2)),
-            static_cast<std::uint32_t>(count("repeats", 2)), static_cast<std::uint32_t>(count("twin_repeats", 2)),
-            truth(PixelFilter::particle, "truth_error", "truth_samples"), truth(PixelFilter::box, "box_error", "box_samples"),
-            t.number("largest_error_share", kRequired, above(0)), t.number("twin_error", kRequired, above(0)),
+    return {backends,
+            t.file("scene"),
+            t.integers("resolution", kRequired, {1, 1 << 15}, exactly(2)),
+            static_cast<std::uint32_t>(count("repeats", 2)),
+            static_cast<std::uint32_t>(count("twin_repeats", 2)),
+            truth(PixelFilter::particle, "truth_error", "truth_samples"),
+            truth(PixelFilter::box, "box_error", "box_samples"),
+            t.number("largest_error_share", kRequired, above(0)),
+            t.number("twin_error", kRequired, above(0)),
             t.number("color_limit", kRequired, above(0))};
 }
 
@@ -45,14 +53,17 @@ Settings read_settings(const ConfigTable& t) {
 Scene read_scene(Experiment& ex, const Settings& s) {
     Scene scene = ex.scene(s.scene);
     const auto& given = ex.options().overrides;
-    if (std::none_of(given.begin(), given.end(), [](const auto& text) { return text.starts_with("image.resolution"); })) {
+    if (std::none_of(given.begin(), given.end(),
+                     [](const auto& text) { return text.starts_with("image.resolution"); })) {
         scene.image.width = static_cast<int>(s.resolution[0]);
         scene.image.height = static_cast<int>(s.resolution[1]);
     }
     for (const Surface& surface : scene.surfaces)
-        if (const auto* iso = std::get_if<IsosurfaceShape>(&surface.shape); iso != nullptr && !std::filesystem::exists(iso->volume))
-            throw input_error("{}: surface \"{}\": volume {} is not there, expected that of Debian's package mricron-data",
-                              scene.source, surface.name, iso->volume.string());
+        if (const auto* iso = std::get_if<IsosurfaceShape>(&surface.shape);
+            iso != nullptr && !std::filesystem::exists(iso->volume))
+            throw input_error(
+                "{}: surface \"{}\": volume {} is not there, expected that of Debian's package mricron-data",
+                scene.source, surface.name, iso->volume.string());
     return scene;
 }
 
@@ -70,7 +81,8 @@ std::size_t pixels_that_differ(const Image& a, const Image& b) {
         const std::span<const float> one = a.plane(name);
         const std::span<const float> other = b.plane(name);
         for (std::size_t i = 0; i < one.size(); ++i)
-            if (std::bit_cast<std::uint32_t>(one[i]) != std::bit_cast<std::uint32_t>(other[i])) differs[i] = true;
+            if (std::bit_cast<std::uint32_t>(one[i]) != std::bit_cast<std::uint32_t>(other[i]))
+                differs[i] = true;
     }
     return static_cast<std::size_t>(std::count(differs.begin(), differs.end(), true));
 }
@@ -78,14 +90,16 @@ std::size_t pixels_that_differ(const Image& a, const Image& b) {
 Pictures make_pictures(Experiment& ex, const PreparedScene& scene, const Settings& s) {
     Pictures p;
     const std::vector<Backend>& backends = ex.backends(s.backends);
-    const auto draw = [&](const std::string& name, const Backend& backend, std::uint32_t repeats, bool same_set, RenderStats& stats) {
+    const auto draw = [&](const std::string& name, const Backend& backend, std::uint32_t repeats,
+                          bool same_set, RenderStats& stats) {
         const auto stage = ex.stage(name);
         ParticleSettings settings{.repeats = repeats, .sampler = {}, .max_error = {}, .backend = backend};
         settings.sampler.seed = ex.seed();
         settings.sampler.same_set_in_all_repeats = same_set;
         return render_particles(scene, settings, stats);
     };
-    const auto trace = [&](const std::string& name, TruthSettings settings, std::uint64_t stream, TruthStats& stats) {
+    const auto trace = [&](const std::string& name, TruthSettings settings, std::uint64_t stream,
+                           TruthStats& stats) {
         const auto stage = ex.stage(name);
         settings.seed = derived_seed(ex.seed(), stream);
         return trace_truth(scene, settings, stats);
@@ -96,8 +110,9 @@ Pictures make_pictures(Experiment& ex, const PreparedScene& scene, const Setting
         Image drawn = draw("particles, " + backend.name(), backend, s.repeats, false, p.stats.emplace_back());
         if (p.stats.size() == 1) p.drawn = std::move(drawn);
         else
-            ex.check(fmt::format("drawn by {} and by {}: pixels that differ", backends[0].name(), backend.name()),
-                     static_cast<double>(pixels_that_differ(p.drawn, drawn)), "==", 0);
+            ex.check(
+                fmt::format("drawn by {} and by {}: pixels that differ", backends[0].name(), backend.name()),
+                static_cast<double>(pixels_that_differ(p.drawn, drawn)), "==", 0);
     }
     p.one_set = draw("wrong twin", backends[0], s.twin_repeats, true, twin_stats);
     p.truth = trace("truth, particle filter", s.truth, 1, p.truth_stats);
@@ -112,13 +127,15 @@ void reject_twin(Experiment& ex, const std::string& name, double p, double level
 }
 
 /// Opacity, pixel by pixel; how much the choice of pixels matters; wrong twins.
-Numbers test_opacity(Experiment& ex, const PreparedScene& scene, const Settings& s, const Pictures& p, double level) {
+Numbers test_opacity(Experiment& ex, const PreparedScene& scene, const Settings& s, const Pictures& p,
+                     double level) {
     CoverageTables tables(ex, scene);
-    const auto test = [&](const std::string& name, const Image& picture, std::span<const float> opacity, double repeats,
-                          double share) {
-        // Pixels are chosen by the error of the tracing that is not tested against (particle_test.hpp says why).
+    const auto test = [&](const std::string& name, const Image& picture, std::span<const float> opacity,
+                          double repeats, double share) {
+        // Pixels are chosen by the error of the tracing that is not tested against: see particle_test.hpp.
         const Image& other = opacity.data() == p.box.plane("A").data() ? p.truth : p.box;
-        const CoverageRule rule{.repeats = repeats, .largest_error_share = share, .seed = derived_seed(ex.seed(), 3)};
+        const CoverageRule rule{
+            .repeats = repeats, .largest_error_share = share, .seed = derived_seed(ex.seed(), 3)};
         CoverageTest result = test_coverage(picture.plane("A"), opacity, other.plane("variance.A"), rule);
         tables.add(name, share, result);
         return result;
@@ -132,8 +149,10 @@ Numbers test_opacity(Experiment& ex, const PreparedScene& scene, const Settings&
     ex.check("A, p-values uniform (chi2): p", coverage.chi2.value_or(TestResult{}).p_value, ">=", level);
     for (const double factor : {0.5, 2.0, 4.0})
         (void)test(fmt::format("rule x {}", factor), p.drawn, opacity, repeats, factor * s.error_share);
-    const auto rejected = [&](const std::string& name, const Image& picture, std::span<const float> wrong, double count) {
-        reject_twin(ex, name, test("twin: " + name, picture, wrong, count, s.error_share).smallest_p(), level);
+    const auto rejected = [&](const std::string& name, const Image& picture, std::span<const float> wrong,
+                              double count) {
+        reject_twin(ex, name, test("twin: " + name, picture, wrong, count, s.error_share).smallest_p(),
+                    level);
     };
     rejected("optical depth off", p.drawn, opacity_off_by(opacity, s.twin_error), repeats);
     rejected("box filter", p.drawn, p.box.plane("A"), repeats);
@@ -164,10 +183,11 @@ Numbers test_color(Experiment& ex, const Settings& s, const Pictures& p, double 
 
 /// The paper's table (Tanaka et al. 2012, sec. 5) and ours, a row a backend.
 void write_table(Experiment& ex, const Settings& s, const Pictures& p) {
-    CsvWriter& table = ex.csv("table", {"source", "scene", "backend", "device", "resolution_px", "repeats", "particles",
-                                        "sampling_s", "draw_s", "device_s", "frames_per_s"});
+    CsvWriter& table = ex.csv("table", {"source", "scene", "backend", "device", "resolution_px", "repeats",
+                                        "particles", "sampling_s", "draw_s", "device_s", "frames_per_s"});
     const auto paper = [&](const char* scene, double particles, double sampling_s, double frames_per_s) {
-        table.row("Tanaka 2012", scene, "opengl", "GTX 580", 1024, 500, particles, sampling_s, std::nullopt, std::nullopt, frames_per_s);
+        table.row("Tanaka 2012", scene, "opengl", "GTX 580", 1024, 500, particles, sampling_s, std::nullopt,
+                  std::nullopt, frames_per_s);
     };
     paper("breast, fig. 3 right", 6.3e7, 3294, 3.2);
     paper("organs, fig. 4 left", 9.5e7, 3708, 2.5);
@@ -180,8 +200,8 @@ void write_table(Experiment& ex, const Settings& s, const Pictures& p) {
         std::optional<double> device_s;
         for (const Stage& stage : stages)
             if (stage.device_s) device_s = device_s.value_or(0) + *stage.device_s;
-        table.row("Pellucid", "skin and brain", backend.name(), backend.device_name(), p.drawn.width(), s.repeats,
-                  p.stats[i].particles, sampling_s, draw_s, device_s, 1 / draw_s);
+        table.row("Pellucid", "skin and brain", backend.name(), backend.device_name(), p.drawn.width(),
+                  s.repeats, p.stats[i].particles, sampling_s, draw_s, device_s, 1 / draw_s);
     }
 }
 
@@ -200,8 +220,9 @@ void run(Experiment& ex) {
     for (const Numbers& more : {test_opacity(ex, scene, s, p, level), test_color(ex, s, p, level)})
         numbers.insert(numbers.end(), more.begin(), more.end());
     const Vec3 background = scene.settings.image.background;
-    const Comparison seen = compare_images({"particles", p.drawn}, {"truth", p.truth},
-                                           {.metrics = parse_metrics("all"), .background = background, .wants_map = true});
+    const Comparison seen =
+        compare_images({"particles", p.drawn}, {"truth", p.truth},
+                       {.metrics = parse_metrics("all"), .background = background, .wants_map = true});
     CsvWriter& csv = ex.csv("numbers", {"name", "value"});
     for (const auto& [metric, value] : seen.values) csv.row(metric_name(metric), value);
     for (const auto& [name, value] : numbers) csv.row(name, value);

@@ -28,10 +28,12 @@ const std::map<std::string, Projection> kProjections{{"orthographic", Projection
                                                      {"perspective", Projection::perspective}};
 
 template <class Enum>
-std::vector<Enum> named(const ConfigTable& config, const std::string& key, const std::map<std::string, Enum>& names) {
+std::vector<Enum> named(const ConfigTable& config, const std::string& key,
+                        const std::map<std::string, Enum>& names) {
     std::vector<Enum> values;
     for (const std::string& text : config.texts(key, kRequired)) {
-        if (!names.contains(text)) throw config.error(key, fmt::format("holds \"{}\", which is not known", text));
+        if (!names.contains(text))
+            throw config.error(key, fmt::format("holds \"{}\", which is not known", text));
         values.push_back(names.at(text));
     }
     return values;
@@ -54,9 +56,11 @@ Settings read_settings(const ConfigTable& config) {
     (void)config.integer("seed", 1, {.lo = 0});
     for (const std::string& backend : s.backends)
         if (backend != "cpu" && backend != "vulkan")
-            throw config.error("backends", fmt::format("holds \"{}\", expected \"cpu\", \"vulkan\"", backend));
+            throw config.error("backends",
+                               fmt::format("holds \"{}\", expected \"cpu\", \"vulkan\"", backend));
     for (std::size_t i = 1; i < s.ring_edges_deg.size(); ++i)
-        if (!(s.ring_edges_deg[i] > s.ring_edges_deg[i - 1])) throw config.error("ring_edges_deg", "does not rise");
+        if (!(s.ring_edges_deg[i] > s.ring_edges_deg[i - 1]))
+            throw config.error("ring_edges_deg", "does not rise");
     return s;
 }
 
@@ -74,37 +78,42 @@ std::vector<PatchView> all_views(const Settings& s) {
 }  // namespace
 
 int main(int argc, char** argv) {
-    return run_experiment(argc, argv, {"opacity_vs_n", "Do opaque particles obey alpha = 1 - (1 - s/S)^n?"}, [](Experiment& ex) {
-        const Settings settings = ex.config(read_settings);
-        OpacityReport report(ex, settings.family_level, ex.backends(settings.backends));
-        const std::vector<PatchView> views = all_views(settings);
-        const auto progress = ex.progress("patches", views.size());
-        std::uint64_t row = 0;
-        for (const PatchView& view : views) {
-            std::optional<OpacityPatch> patch;
-            std::optional<PreparedScene> scene;
-            std::vector<LineSampler> samplers;
-            std::vector<std::unique_ptr<ParticleDrawer>> drawers;
-            if (const auto stage = ex.stage("patches"); (patch = make_opacity_patch(view, settings.ring_edges_deg))) {
-                scene = prepare(patch->scene);
-                samplers = make_samplers(*scene);
-                drawers = report.make_drawers(*scene);
-            }
-            for (const std::int64_t count : settings.counts)
-                for (const std::int64_t repeats : settings.repeats) {
-                    const OpacityRow entry{view, count, repeats, derived_seed(ex.seed(), row++)};
-                    if (!patch) {
-                        report.outside_theory(entry);
-                        continue;
-                    }
-                    const double cos_tilt = std::cos(view.tilt_deg * std::numbers::pi / 180);
-                    const auto clear = transmittance_from_count(static_cast<double>(count), {view.ratio, cos_tilt});
-                    const bool measurable = clear.value_or(0) >= settings.least_transmittance &&
-                                            static_cast<double>(count) * static_cast<double>(repeats) <= settings.row_particles;
-                    report.add(entry, *patch, *scene, samplers[0], drawers, measurable);
+    return run_experiment(
+        argc, argv, {"opacity_vs_n", "Do opaque particles obey alpha = 1 - (1 - s/S)^n?"},
+        [](Experiment& ex) {
+            const Settings settings = ex.config(read_settings);
+            OpacityReport report(ex, settings.family_level, ex.backends(settings.backends));
+            const std::vector<PatchView> views = all_views(settings);
+            const auto progress = ex.progress("patches", views.size());
+            std::uint64_t row = 0;
+            for (const PatchView& view : views) {
+                std::optional<OpacityPatch> patch;
+                std::optional<PreparedScene> scene;
+                std::vector<LineSampler> samplers;
+                std::vector<std::unique_ptr<ParticleDrawer>> drawers;
+                if (const auto stage = ex.stage("patches");
+                    (patch = make_opacity_patch(view, settings.ring_edges_deg))) {
+                    scene = prepare(patch->scene);
+                    samplers = make_samplers(*scene);
+                    drawers = report.make_drawers(*scene);
                 }
-            progress->step();
-        }
-        report.finish(settings.ring_edges_deg);
-    });
+                for (const std::int64_t count : settings.counts)
+                    for (const std::int64_t repeats : settings.repeats) {
+                        const OpacityRow entry{view, count, repeats, derived_seed(ex.seed(), row++)};
+                        if (!patch) {
+                            report.outside_theory(entry);
+                            continue;
+                        }
+                        const double cos_tilt = std::cos(view.tilt_deg * std::numbers::pi / 180);
+                        const auto clear =
+                            transmittance_from_count(static_cast<double>(count), {view.ratio, cos_tilt});
+                        const bool measurable = clear.value_or(0) >= settings.least_transmittance &&
+                                                static_cast<double>(count) * static_cast<double>(repeats) <=
+                                                    settings.row_particles;
+                        report.add(entry, *patch, *scene, samplers[0], drawers, measurable);
+                    }
+                progress->step();
+            }
+            report.finish(settings.ring_edges_deg);
+        });
 }

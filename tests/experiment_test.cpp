@@ -233,7 +233,8 @@ TEST_F(ExperimentTest, UnknownOverridesAreNamed) {
 
 TEST_F(ExperimentTest, AbsentDevicesAreThree) {
     for (const std::vector<std::string>& words :
-         {std::vector<std::string>{"--backend", "vulkan", "--device", "none"}, {"--backend", "all", "--device", "none"}}) {
+         {std::vector<std::string>{"--backend", "vulkan", "--device", "none"},
+          {"--backend", "all", "--device", "none"}}) {
         const Run r = run(words);
         EXPECT_EQ(r.code, 3);
         expect_one_line(r.err);

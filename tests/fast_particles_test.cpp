@@ -15,7 +15,9 @@ using namespace testing_scenes;
 
 std::uint64_t hits_of(const std::vector<Winners>& winners) {
     std::uint64_t hits = 0;
-    for (const Winners& repeat : winners) hits += static_cast<std::uint64_t>(std::ranges::count_if(repeat, [](auto p) { return p != kNoPixel; }));
+    for (const Winners& repeat : winners)
+        hits +=
+            static_cast<std::uint64_t>(std::ranges::count_if(repeat, [](auto p) { return p != kNoPixel; }));
     return hits;
 }
 
@@ -82,9 +84,12 @@ TEST(FastDrawer, IsThePlainOneOnBorders) {
         std::vector<Particle> particles;
         for (int i = 0; i < 30000; ++i) {
             const double step = i % 3 == 0 ? twin::kTileSide : 1;
-            Vec2 at(std::round(camera.width() * unit() / step) * step, std::round(camera.height() * unit() / step) * step);
+            Vec2 at(std::round(camera.width() * unit() / step) * step,
+                    std::round(camera.height() * unit() / step) * step);
             at += std::pow(10.0, -8 * unit()) * Vec2(unit() - 0.5, unit() - 0.5);
-            const double z = camera.near() + (camera.far() - camera.near()) * (i % 5 == 0 ? 0.5 : i % 7 == 0 ? 0 : unit());
+            const double z = camera.near() + (camera.far() - camera.near()) * (i % 5 == 0   ? 0.5
+                                                                               : i % 7 == 0 ? 0
+                                                                                            : unit());
             const Vec2 side = (at - camera.center()) * camera.pixel_size() * (camera.perspective() ? z : 1);
             particles.push_back(frame.pack({side.x, side.y, z}, {unit() - 0.5, unit() - 0.5, -unit()}));
         }

@@ -37,7 +37,9 @@ TEST(OpacityPatch, RingsOfASphereHaveTheAreaOfTheirAngles) {
     const auto patch = make_opacity_patch({.shape = PatchShape::sphere, .ratio = ratio}, kEdges);
     ASSERT_TRUE(patch);
     for (const Ring& ring : patch->rings) {
-        const auto sine2 = [](double deg) { return std::pow(std::sin(deg * 3.14159265358979323846 / 180), 2); };
+        const auto sine2 = [](double deg) {
+            return std::pow(std::sin(deg * 3.14159265358979323846 / 180), 2);
+        };
         const double area = 0.5 / ratio * (sine2(ring.theta_hi_deg) - sine2(ring.theta_lo_deg));
         EXPECT_NEAR(ring.pixels, area, 0.02 * area + 1) << ring.theta_lo_deg;
     }
@@ -47,7 +49,8 @@ TEST(OpacityPatch, LandingChancesOfPerspectiveAddUpToTheWholeSurface) {
     // Every particle lands somewhere: whole pixels take all but those at the border.
     for (const PatchShape shape : {PatchShape::flat, PatchShape::sphere}) {
         const auto patch = make_opacity_patch(
-            {.shape = shape, .projection = Projection::perspective, .ratio = 1e-5, .tilt_deg = 20}, {0, 89.99});
+            {.shape = shape, .projection = Projection::perspective, .ratio = 1e-5, .tilt_deg = 20},
+            {0, 89.99});
         ASSERT_TRUE(patch);
         double sum = 0;
         for (const double q : patch->rings[0].landing) sum += q;
@@ -58,10 +61,12 @@ TEST(OpacityPatch, LandingChancesOfPerspectiveAddUpToTheWholeSurface) {
 
 TEST(OpacityPatch, TheTiltOfPerspectiveIsSeenByTheTest) {
     // A renderer that forgot cosβ in s(z) would draw the surface's own density, uniform in area. Its landing
-    // chances differ from the theory by more than the test's resolution: mean 1/|cosθ| alone does not hide it.
+    // chances differ from the theory by more than the test's resolution: mean 1/|cosθ|
+    // alone does not hide it.
     const auto patch = make_opacity_patch({.projection = Projection::perspective, .ratio = 1e-4}, kEdges);
     ASSERT_TRUE(patch);
-    const auto [least, most] = std::minmax_element(patch->rings[0].landing.begin(), patch->rings[0].landing.end());
+    const auto [least, most] =
+        std::minmax_element(patch->rings[0].landing.begin(), patch->rings[0].landing.end());
     EXPECT_GT(*most / *least, 1.05);
 }
 
@@ -73,7 +78,8 @@ TEST(OpacityPatch, FitsRejectParticlesTwoPixelsWide) {
     for (const DrawTwin twin : {DrawTwin::none, DrawTwin::two_pixels_wide}) {
         std::vector<OpacityPoint> points;
         for (const std::uint64_t count : {2000U, 7000U}) {
-            const RingDraw draw = draw_patch(*patch, scene, samplers[0], drawer, {count, 20, {count}, twin})[0].rings[0];
+            const RingDraw draw =
+                draw_patch(*patch, scene, samplers[0], drawer, {count, 20, {count}, twin})[0].rings[0];
             points.push_back(fit_point(*patch, patch->rings[0], draw, static_cast<double>(count), 20));
         }
         const FitResult fit = fit_opacity(points, OpacityModel::effective_area, 0.999);
@@ -92,7 +98,8 @@ TEST(OpacityPatch, ErrorOverRepeatsRejectsASharedSet) {
     for (const DrawTwin twin : {DrawTwin::none, DrawTwin::shared_set}) {
         std::vector<ErrorPoint> points;
         for (const std::uint32_t repeats : {2U, 8U, 32U}) {
-            const RingDraw draw = draw_patch(*patch, scene, samplers[0], drawer, {7000, repeats, {repeats}, twin})[0].rings[0];
+            const RingDraw draw =
+                draw_patch(*patch, scene, samplers[0], drawer, {7000, repeats, {repeats}, twin})[0].rings[0];
             const auto pixels = static_cast<double>(draw.informative);
             points.push_back({static_cast<double>(repeats), std::sqrt(draw.squares / pixels),
                               0.5 * std::sqrt(draw.squares_variance) * repeats / pixels});

@@ -168,7 +168,8 @@ TEST(Options, ApplySetsThreadsAndRefusesAbsentDevices) {
     set_thread_count(0);
 
     options.device = "no such card";
-    EXPECT_EQ(guarded_main("t", [&] { return apply_run_options(options), 0; }), 2);  // the CPU takes no device
+    EXPECT_EQ(guarded_main("t", [&] { return apply_run_options(options), 0; }),
+              2);  // the CPU takes no device
     for (const BackendChoice choice : {BackendChoice::vulkan, BackendChoice::all}) {
         options.backend = choice;
         EXPECT_EQ(guarded_main("t", [&] { return open_backends(options).empty() ? 1 : 0; }), 3);

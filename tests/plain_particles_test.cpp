@@ -174,8 +174,10 @@ TEST(SortByTile, KeepsEveryParticleAndItsObjectInItsTile) {
     twin::Projection projection = ParticleFrame(scene.camera).projection(scene.camera);
     for (const std::size_t count : {0U, 1U, 3U, 100U, 50000U}) {
         std::vector<Particle> particles = scattered(count);
-        for (std::size_t i = 0; i < count; ++i) particles[i].normal = static_cast<std::uint32_t>(i);  // its name
-        const std::vector<std::uint32_t> ends{static_cast<std::uint32_t>(count / 3), static_cast<std::uint32_t>(count / 3),
+        for (std::size_t i = 0; i < count; ++i)
+            particles[i].normal = static_cast<std::uint32_t>(i);  // its name
+        const std::vector<std::uint32_t> ends{static_cast<std::uint32_t>(count / 3),
+                                              static_cast<std::uint32_t>(count / 3),
                                               static_cast<std::uint32_t>(count)};
         const RepeatParticles sorted = sort_by_tile(particles, ends, projection);
         const TileGrid grid(projection.width, projection.height);

@@ -29,8 +29,8 @@ struct Setting {
 };
 
 void PrintTo(const Setting& s, std::ostream* out) {
-    *out << (s.projection == Projection::perspective ? "perspective" : "orthographic") << ' ' << s.width << 'x'
-         << s.height << " fov " << s.fov << " scale " << s.scale << " distance " << s.distance;
+    *out << (s.projection == Projection::perspective ? "perspective" : "orthographic") << ' ' << s.width
+         << 'x' << s.height << " fov " << s.fov << " scale " << s.scale << " distance " << s.distance;
     if (s.near) *out << " near " << *s.near;
 }
 
@@ -75,12 +75,14 @@ Difference compare(const Setting& s, int count) {
         const Quad pixel = Quad(camera.pixel_size()) * (camera.perspective() ? depth : Quad(1));
         const Quad x = Quad(camera.center().x) + unit_length * Quad(particle.x) / pixel;
         const Quad y = Quad(camera.center().y) + unit_length * Quad(particle.y) / pixel;
-        d.rounding = std::max({d.rounding, std::abs(static_cast<double>(x - Quad(at.x))), std::abs(static_cast<double>(y - Quad(at.y)))});
+        d.rounding = std::max({d.rounding, std::abs(static_cast<double>(x - Quad(at.x))),
+                               std::abs(static_cast<double>(y - Quad(at.y)))});
         if (!(x >= 0 && y >= 0 && x < camera.width() && y < camera.height())) {
             if (drawn.column < 0) continue;
         } else {
             ++d.inside;
-            if (drawn.column == static_cast<int>(floor(x)) && drawn.row == static_cast<int>(floor(y))) continue;
+            if (drawn.column == static_cast<int>(floor(x)) && drawn.row == static_cast<int>(floor(y)))
+                continue;
         }
         ++d.other;
         const auto off = [](const Quad& v) { return static_cast<double>(abs(v - round(v))); };
@@ -116,21 +118,21 @@ TEST_P(ProjectionTwin, DecidesAsExactArithmeticDoes) {
 
 INSTANTIATE_TEST_SUITE_P(
     Settings, ProjectionTwin,
-    testing::Values(Setting{}, Setting{.width = 1, .height = 1}, Setting{.width = 65536, .height = 65536},
-                    Setting{.width = 65536, .height = 1}, Setting{.width = 3, .height = 65536}, Setting{.fov = 0.001},
-                    Setting{.fov = 170}, Setting{.scale = 1e-6}, Setting{.scale = 1e6}, Setting{.scale = 1e-30},
-                    Setting{.scale = 1e30}, Setting{.fov = 0.0001, .distance = 1e6},
-                    Setting{.distance = 0.5}, Setting{.distance = 0, .near = 1e-6}, Setting{.distance = 0, .near = 1e-12},
-                    Setting{.width = 65536, .height = 65536, .fov = 170, .distance = 0.5},
-                    Setting{.distance = 0, .near = 1e-30},
-                    Setting{.projection = Projection::orthographic, .fov = 2},
-                    Setting{.projection = Projection::orthographic, .width = 65536, .height = 65536, .fov = 2},
-                    Setting{.projection = Projection::orthographic, .width = 1, .height = 7, .fov = 2},
-                    Setting{.projection = Projection::orthographic, .fov = 1e-6},
-                    Setting{.projection = Projection::orthographic, .fov = 1e6},
-                    Setting{.projection = Projection::orthographic, .fov = 2, .scale = 1e-30},
-                    Setting{.projection = Projection::orthographic, .fov = 2, .scale = 1e30},
-                    Setting{.projection = Projection::orthographic, .fov = 2, .distance = 1e6}));
+    testing::Values(
+        Setting{}, Setting{.width = 1, .height = 1}, Setting{.width = 65536, .height = 65536},
+        Setting{.width = 65536, .height = 1}, Setting{.width = 3, .height = 65536}, Setting{.fov = 0.001},
+        Setting{.fov = 170}, Setting{.scale = 1e-6}, Setting{.scale = 1e6}, Setting{.scale = 1e-30},
+        Setting{.scale = 1e30}, Setting{.fov = 0.0001, .distance = 1e6}, Setting{.distance = 0.5},
+        Setting{.distance = 0, .near = 1e-6}, Setting{.distance = 0, .near = 1e-12},
+        Setting{.width = 65536, .height = 65536, .fov = 170, .distance = 0.5},
+        Setting{.distance = 0, .near = 1e-30}, Setting{.projection = Projection::orthographic, .fov = 2},
+        Setting{.projection = Projection::orthographic, .width = 65536, .height = 65536, .fov = 2},
+        Setting{.projection = Projection::orthographic, .width = 1, .height = 7, .fov = 2},
+        Setting{.projection = Projection::orthographic, .fov = 1e-6},
+        Setting{.projection = Projection::orthographic, .fov = 1e6},
+        Setting{.projection = Projection::orthographic, .fov = 2, .scale = 1e-30},
+        Setting{.projection = Projection::orthographic, .fov = 2, .scale = 1e30},
+        Setting{.projection = Projection::orthographic, .fov = 2, .distance = 1e6}));
 
 // Wherever a particle lies, borders of pixels and of the image included.
 TEST_P(ProjectionTwin, QuickProjectionIsTheSame) {
@@ -182,7 +184,8 @@ TEST(ProjectionTwin, DepthBitsAreOrderedLikeDepths) {
         const double a = std::pow(2, exponent(random));
         const double b = a * (1 + 3e-7);
         const auto depth = [&](double above) {
-            return twin::project_particle(projection, frame.pack({0, 0, camera.near() + above}, {0, 0, 1})).depth;
+            return twin::project_particle(projection, frame.pack({0, 0, camera.near() + above}, {0, 0, 1}))
+                .depth;
         };
         // Told apart where the sum with near still is: near has 53 bits.
         if (camera.near() + a == camera.near() + b || a < 1e-8) continue;
@@ -196,7 +199,8 @@ TEST(ProjectionTwin, DepthBitsAreOrderedLikeDepths) {
 TEST(ProjectionTwin, FloorDivideIsFloor) {
     for (std::int64_t a = -50; a <= 50; ++a)
         for (std::int64_t b = 1; b < 9; ++b)
-            EXPECT_EQ(twin::floor_divide(a, b), static_cast<std::int64_t>(std::floor(static_cast<double>(a) / static_cast<double>(b))));
+            EXPECT_EQ(twin::floor_divide(a, b),
+                      static_cast<std::int64_t>(std::floor(static_cast<double>(a) / static_cast<double>(b))));
 }
 
 TEST(TwinHeaders, CompileAsGlsl) {
@@ -215,15 +219,18 @@ void main() {
     Vec3f n = unpack_normal(pack_normal(Vec3f(1.0, 2.0, uintBitsToFloat(words[i]))));
     LightSums sums = add_light(LightSums(0.0, 0.0), n, n, turned_to(n, n), 1.0, 8.0);
     Projection p;
-    p.near_fixed = int64_t(words[i]); p.focal_fixed = int64_t(1); p.center_x = int64_t(1); p.center_y = int64_t(1);
-    p.near_bits = 1; p.near_exponent = 1; p.lateral_shift = 1; p.fraction_bits = 1; p.perspective = 1; p.width = 4; p.height = 4;
+    p.near_fixed = int64_t(words[i]); p.focal_fixed = int64_t(1);
+    p.center_x = int64_t(1); p.center_y = int64_t(1);
+    p.near_bits = 1; p.near_exponent = 1; p.lateral_shift = 1; p.fraction_bits = 1;
+    p.perspective = 1; p.width = 4; p.height = 4;
     Particle q = Particle(1.0, 2.0, 3.0, words[i]);
     PixelDepth at = project_particle(p, q);
     words[i] = uint(at.column) + floatBitsToUint(shaded_channel(1.0, sums, 0.1, 0.2, 0.3));
 }
 )";
-    const std::string command = fmt::format("glslc --target-env=vulkan1.3 -fshader-stage=compute -Werror -I {}/lib {} -o {}.spv",
-                                            PELLUCID_SOURCE_DIR, shader.string(), shader.string());
+    const std::string command =
+        fmt::format("glslc --target-env=vulkan1.3 -fshader-stage=compute -Werror -I {}/lib {} -o {}.spv",
+                    PELLUCID_SOURCE_DIR, shader.string(), shader.string());
     EXPECT_EQ(std::system(command.c_str()), 0) << command;
 }
 

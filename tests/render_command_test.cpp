@@ -32,7 +32,8 @@ protected:
         std::string out, err;
     };
     Result run(const std::string& arguments) const {
-        const std::string command = fmt::format("cd '{}' && timeout 60 '{}/render' {} > out 2> err", folder.string(), PELLUCID_BIN_DIR, arguments);
+        const std::string command = fmt::format("cd '{}' && timeout 60 '{}/render' {} > out 2> err",
+                                                folder.string(), PELLUCID_BIN_DIR, arguments);
         const int status = std::system(command.c_str());
         return {WIFEXITED(status) ? WEXITSTATUS(status) : 128, slurp(folder / "out"), slurp(folder / "err")};
     }
@@ -51,27 +52,34 @@ protected:
     }
     void refused_scene(const std::string& toml, const std::string& word) const {
         scene(toml);
-        for (const char* method : {"particles", "reference"}) refused(fmt::format("s.toml --method {} -o o.exr", method), word);
+        for (const char* method : {"particles", "reference"})
+            refused(fmt::format("s.toml --method {} -o o.exr", method), word);
     }
 };
 
 TEST_F(RenderCommand, WritesPlanesAttributesAndStatistics) {
     scene(good_);
     for (const std::string method : {"particles", "reference"}) {
-        const Result r = run("s.toml --method " + method + " -o o.exr --stats s.json --seed 5 --set image.background=[0,0,1] --quiet");
+        const Result r = run("s.toml --method " + method +
+                             " -o o.exr --stats s.json --seed 5 --set image.background=[0,0,1] --quiet");
         ASSERT_EQ(r.code, 0) << r.err;
         EXPECT_EQ(r.err, "");
         const Image image = read_exr(folder / "o.exr");
         EXPECT_EQ(image.width(), 12);
         EXPECT_EQ(image.height(), 10);
-        for (const char* plane : {"R", "G", "B", "A", "Z", "variance.R", "variance.G", "variance.B", "variance.A"}) EXPECT_TRUE(image.has(plane)) << plane;
-        for (const char* key : {"scene", "method", "settings", "seed", "commit", "device"}) EXPECT_FALSE(image.attributes.at(key).empty()) << key;
+        for (const char* plane :
+             {"R", "G", "B", "A", "Z", "variance.R", "variance.G", "variance.B", "variance.A"})
+            EXPECT_TRUE(image.has(plane)) << plane;
+        for (const char* key : {"scene", "method", "settings", "seed", "commit", "device"})
+            EXPECT_FALSE(image.attributes.at(key).empty()) << key;
         EXPECT_EQ(image.attributes.at("method"), method);
         EXPECT_EQ(image.attributes.at("seed"), "5");
         EXPECT_TRUE(std::isinf(image.plane("Z")[0]));
         EXPECT_NEAR(static_cast<double>(image.plane("A")[12 * 5 + 6]), 0.75, 0.1);
         const auto stats = nlohmann::json::parse(slurp(folder / "s.json"));
-        for (const char* key : {"method", "backend", "device", "seed", "stages", "total_s", "peak_rss_bytes", "device_bytes"}) EXPECT_TRUE(stats.contains(key)) << key;
+        for (const char* key :
+             {"method", "backend", "device", "seed", "stages", "total_s", "peak_rss_bytes", "device_bytes"})
+            EXPECT_TRUE(stats.contains(key)) << key;
         for (const auto& stage : stats["stages"])
             for (const char* key : {"name", "wall_s", "device_s"}) EXPECT_TRUE(stage.contains(key)) << key;
         if (method == "particles") {
@@ -107,7 +115,8 @@ TEST_F(RenderCommand, CropIsThatPartOfTheWhole) {
     ASSERT_EQ(part.width(), 6);
     ASSERT_EQ(part.height(), 5);
     for (std::size_t y = 0; y < 5; ++y)
-        for (std::size_t x = 0; x < 6; ++x) EXPECT_EQ(part.plane("G")[6 * y + x], whole.plane("G")[12 * (y + 2) + x + 3]);
+        for (std::size_t x = 0; x < 6; ++x)
+            EXPECT_EQ(part.plane("G")[6 * y + x], whole.plane("G")[12 * (y + 2) + x + 3]);
 }
 
 TEST_F(RenderCommand, PlanDrawsNothing) {
@@ -123,7 +132,8 @@ TEST_F(RenderCommand, ListsHaveOneLineAMethodAndASurface) {
     const Result methods = run("--list");
     EXPECT_EQ(methods.code, 0);
     EXPECT_EQ(std::count(methods.out.begin(), methods.out.end(), '\n'), 2);
-    for (const char* word : {"particles: ", "reference: ", "particles.repeats = 500", "reference.filter"}) EXPECT_NE(methods.out.find(word), std::string::npos) << word;
+    for (const char* word : {"particles: ", "reference: ", "particles.repeats = 500", "reference.filter"})
+        EXPECT_NE(methods.out.find(word), std::string::npos) << word;
     const Result surfaces = run("--list-implicit");
     EXPECT_NE(surfaces.out.find("torus: "), std::string::npos);
     EXPECT_GE(std::count(surfaces.out.begin(), surfaces.out.end(), '\n'), 10);
@@ -145,7 +155,8 @@ TEST_F(RenderCommand, BadArgumentsAreRefused) {
     refused(ok + "--set particles.repeats=many", "repeats");
     refused(ok + "--set particles.sampler=\\\"cubes\\\"", "cubes");
     refused(ok + "--max-error 0", "--max-error");
-    for (const char* crop : {"0,0,13,10", "5,5,5,9", "1,2,3", "a,b,c,d", "-1,0,3,3", "0,0,99999999999,4", "1,2,3,4,5"})
+    for (const char* crop :
+         {"0,0,13,10", "5,5,5,9", "1,2,3", "a,b,c,d", "-1,0,3,3", "0,0,99999999999,4", "1,2,3,4,5"})
         refused(ok + "--crop " + crop, "--crop");
     refused(ok + "--backend vulkan --device GTX", "Vulkan device", 3);
     refused(ok + "--device GTX", "GTX");
@@ -169,13 +180,15 @@ TEST_F(RenderCommand, BadScenesAreRefused) {
 }
 
 TEST_F(RenderCommand, DamagedFilesAreRefused) {
-    const std::string iso = head_ + "[[surface]]\nname = \"b\"\nisosurface = { volume = \"v.nrrd\", isovalue = 0.5 }\n";
+    const std::string iso =
+        head_ + "[[surface]]\nname = \"b\"\nisosurface = { volume = \"v.nrrd\", isovalue = 0.5 }\n";
     put_volume(folder / "v.nrrd", {8, 8, 8}, std::vector<float>(512, 1));
     fs::resize_file(folder / "v.nrrd", fs::file_size(folder / "v.nrrd") - 100);
     refused_scene(iso, "v.nrrd");
 
     const std::string raw(4096, 'x');
-    std::string header = "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 16 16\nspacings: 1 1 1\nencoding: gzip\n\n";
+    std::string header =
+        "NRRD0004\ntype: uchar\ndimension: 3\nsizes: 16 16 16\nspacings: 1 1 1\nencoding: gzip\n\n";
     gzFile zip = gzopen((folder / "z.gz").c_str(), "wb");
     gzwrite(zip, raw.data(), 4096);
     gzclose(zip);
@@ -185,8 +198,9 @@ TEST_F(RenderCommand, DamagedFilesAreRefused) {
     refused_scene(iso, "v.nrrd");
 
     const std::string mesh = head_ + "[[surface]]\nname = \"m\"\nmesh = \"m.ply\"\n";
-    const std::string vertices = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n"
-                                 "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n";
+    const std::string vertices =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\nelement face {}\n"
+        "property list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n";
     put(folder / "m.ply", fmt::format(fmt::runtime(vertices), 1000000000) + "3 0 1 2\n");
     refused_scene(mesh, "m.ply");
     put(folder / "m.ply", fmt::format(fmt::runtime(vertices), 1) + "3 0 1 7\n");

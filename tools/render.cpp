@@ -35,7 +35,8 @@ struct RenderOptions : RunOptions {
 void list_methods() {
     for (const Method& method : methods()) {
         std::string line = fmt::format("{}: {}", method.name, method.summary);
-        for (const SettingInfo& s : method.settings) line += fmt::format("; {} = {} ({})", s.key, s.default_text, s.meaning);
+        for (const SettingInfo& s : method.settings)
+            line += fmt::format("; {} = {} ({})", s.key, s.default_text, s.meaning);
         std::puts(line.c_str());
     }
 }
@@ -43,8 +44,10 @@ void list_methods() {
 void list_catalogue() {
     for (const CatalogueEntry& e : catalogue()) {
         std::string parameters;
-        for (const auto& p : e.parameters) parameters += fmt::format("{}{} = {}", parameters.empty() ? "" : ", ", p.name, p.value);
-        fmt::print("{}: {} = 0; axis z; parameters {{{}}}; bounds {}\n", e.name, e.equation, parameters, e.bounds);
+        for (const auto& p : e.parameters)
+            parameters += fmt::format("{}{} = {}", parameters.empty() ? "" : ", ", p.name, p.value);
+        fmt::print("{}: {} = 0; axis z; parameters {{{}}}; bounds {}\n", e.name, e.equation, parameters,
+                   e.bounds);
     }
 }
 
@@ -53,19 +56,24 @@ PixelRect parse_crop(const std::string& text, const ImageSettings& image) {
     PixelRect r;
     char rest = 0;
     const int read = std::sscanf(text.c_str(), "%d,%d,%d,%d%c", &r.x0, &r.y0, &r.x1, &r.y1, &rest);
-    if (read != 4 || r.x0 < 0 || r.y0 < 0 || r.x1 <= r.x0 || r.y1 <= r.y0 || r.x1 > image.width || r.y1 > image.height)
-        throw input_error("--crop {}: expected x0,y0,x1,y1 with 0 <= x0 < x1 <= {} and 0 <= y0 < y1 <= {}", text,
-                          image.width, image.height);
+    if (read != 4 || r.x0 < 0 || r.y0 < 0 || r.x1 <= r.x0 || r.y1 <= r.y0 || r.x1 > image.width ||
+        r.y1 > image.height)
+        throw input_error("--crop {}: expected x0,y0,x1,y1 with 0 <= x0 < x1 <= {} and 0 <= y0 < y1 <= {}",
+                          text, image.width, image.height);
     return r;
 }
 
-std::string device_of(const Backend& backend) { return backend.on_device() ? backend.device_name() : host_info().cpu; }
+std::string device_of(const Backend& backend) {
+    return backend.on_device() ? backend.device_name() : host_info().cpu;
+}
 
-ordered_json stats_json(const RenderOptions& options, const RenderStats& stats, const RenderInput& input, double total_s) {
+ordered_json stats_json(const RenderOptions& options, const RenderStats& stats, const RenderInput& input,
+                        double total_s) {
     ordered_json stages = ordered_json::array();
     for (const Stage& s : stats.stages) {
         const ordered_json device_s = s.device_s ? ordered_json(*s.device_s) : ordered_json(nullptr);
-        stages.push_back({{"name", s.name}, {"wall_s", s.wall_s}, {"device_s", device_s}, {"bytes", s.bytes}});
+        stages.push_back(
+            {{"name", s.name}, {"wall_s", s.wall_s}, {"device_s", device_s}, {"bytes", s.bytes}});
     }
     const Backend& backend = input.backend;
     ordered_json json{{"method", options.method}, {"backend", backend.name()}, {"device", device_of(backend)},
@@ -111,9 +119,12 @@ Config method_config(const RenderOptions& options, std::vector<std::string>& sce
 ShardPart parse_shard(const RenderOptions& options, const Method& method) {
     const auto part = parse_shard_part(*options.shard);
     if (!part) throw input_error("--shard {}: expected i/n with 0 <= i < n", one_line(*options.shard, 60));
-    if (!method.in_shards) throw input_error("--shard {}: method {} draws no shards, particles does", *options.shard, method.name);
+    if (!method.in_shards)
+        throw input_error("--shard {}: method {} draws no shards, particles does", *options.shard,
+                          method.name);
     if (options.max_error)
-        throw input_error("--shard {} with --max-error {}: no shard knows the error of all", *options.shard, *options.max_error);
+        throw input_error("--shard {} with --max-error {}: no shard knows the error of all", *options.shard,
+                          *options.max_error);
     if (!options.plan && std::filesystem::path(options.output).extension() != ".exr")
         throw input_error("-o {}: expected a name that ends in .exr for a shard", options.output);
     return *part;
@@ -126,7 +137,8 @@ int run(RenderOptions options) {
     const Config settings = method_config(options, scene_overrides);
     const Scene scene = load_scene(options.scene, scene_overrides);
     require_drawable(method, scene);
-    if (options.backend == BackendChoice::all) throw input_error("--backend all: a picture is drawn on one, expected cpu or vulkan");
+    if (options.backend == BackendChoice::all)
+        throw input_error("--backend all: a picture is drawn on one, expected cpu or vulkan");
     const Backend backend = open_backends(options, options.validate).front();
     if (backend.on_device() && !method.on_vulkan)
         throw input_error("--backend vulkan: method {} runs on the CPU only", method.name);
@@ -165,7 +177,8 @@ int run(RenderOptions options) {
 
     RenderStats stats;
     stats.stages.push_back({"read scene", watch.lap(), static_cast<std::int64_t>(prepared.bytes()), ""});
-    const std::uint64_t input_digest = options.shard ? digest_of_input(scene, options.scene, prepared.camera.crop()) : 0;
+    const std::uint64_t input_digest =
+        options.shard ? digest_of_input(scene, options.scene, prepared.camera.crop()) : 0;
     double total_s = stats.stages.back().wall_s;
     Image image = method.render(input, stats);
     backend.check_validation();
@@ -184,7 +197,8 @@ int run(RenderOptions options) {
     } else {
         write_exr(image, output);
     }
-    if (options.stats) write_text_file(*options.stats, stats_json(options, stats, input, total_s).dump(2) + "\n");
+    if (options.stats)
+        write_text_file(*options.stats, stats_json(options, stats, input, total_s).dump(2) + "\n");
     return 0;
 }
 
@@ -199,8 +213,10 @@ int main(int argc, char** argv) {
         arguments.option("-o,--output", options.output, "OUT.exr (float32, linear) or OUT.png (8 bit, sRGB)");
         arguments.option("--stats", options.stats, "write times, bytes and counts to this JSON file");
         arguments.option("--crop", options.crop, "x0,y0,x1,y1: draw these pixels of the image only");
-        arguments.option("--max-error", options.max_error, "stop when every pixel's standard error is at most this");
-        arguments.option("--shard", options.shard, "i/n, i = 0 ... n-1: draw this part of the repeats, for merge");
+        arguments.option("--max-error", options.max_error,
+                         "stop when every pixel's standard error is at most this");
+        arguments.option("--shard", options.shard,
+                         "i/n, i = 0 ... n-1: draw this part of the repeats, for merge");
         arguments.flag("--plan", options.plan, "list stages and bytes, draw nothing");
         arguments.flag("--validate", options.validate, "Vulkan: with validation layers (the CPU has none)");
         arguments.flag("--list", options.list, "list methods with settings and what they draw");

@@ -1,5 +1,5 @@
-// Large arrays on large pages: an image of sums is 60 MB, and touching it page by page for the first time takes longer
-// than drawing a few million particles.
+// Large arrays on large pages: an image of sums is 60 MB, and touching it page by page for the first time
+// takes longer than drawing a few million particles.
 #pragma once
 
 #include <cstddef>

@@ -24,7 +24,8 @@ namespace {
 constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
 /// Most lanes of 32 bits: what is read in whole vectors is padded by this much.
 constexpr std::size_t kMostLanes = 64;
-/// Particles shaded at a time: their intermediate numbers fit into the first-level cache. A multiple of kMostLanes.
+/// Particles shaded at a time: their intermediate numbers fit into the first-level cache. A multiple of
+/// kMostLanes.
 constexpr std::size_t kShadeBlock = 128;
 
 /// A pixel's sums, one cache line.
@@ -38,12 +39,13 @@ struct WonColor {
     std::uint32_t red, green, blue, covered;
 };
 
-/// Winners of one object that wait for being shaded together, from whatever repeats of the tile: integer sums do not
-/// mind the order, and short runs do not leave vectors half empty.
+/// Winners of one object that wait for being shaded together, from whatever repeats of the tile: integer sums
+/// do not mind the order, and short runs do not leave vectors half empty.
 struct WinnerQueue {
     std::uint32_t object = 0;
     std::uint32_t count = 0;
-    std::array<Particle, 2 * kShadeBlock + kMostLanes> particle;  // a block beyond what is waiting: written on trial
+    std::array<Particle, 2 * kShadeBlock + kMostLanes>
+        particle;  // a block beyond what is waiting: written on trial
     std::array<std::uint32_t, 2 * kShadeBlock + kMostLanes> pixel;
 };
 /// Objects share queues where they are more than this.
@@ -89,9 +91,11 @@ using F = hn::ScalableTag<float>;
 using U = hn::RebindToUnsigned<F>;
 using I = hn::RebindToSigned<F>;
 
-/// Pixels within the tile, and keys, of `count` particles: SIMD of twin::project_quickly, which is called where float32
-/// does not decide. All of them lie in the tile, so only the pixel is asked for. `first` is their index in the repeat.
-void project_span(const twin::Projection& p, const Particle* particles, std::uint32_t first, std::size_t count, TileFrame& frame) {
+/// Pixels within the tile, and keys, of `count` particles: SIMD of twin::project_quickly, which is called
+/// where float32 does not decide. All of them lie in the tile, so only the pixel is asked for. `first` is
+/// their index in the repeat.
+void project_span(const twin::Projection& p, const Particle* particles, std::uint32_t first,
+                  std::size_t count, TileFrame& frame) {
     const F f;
     const U u;
     const I s;
@@ -110,8 +114,10 @@ void project_span(const twin::Projection& p, const Particle* particles, std::uin
         hn::Vec<F> x, y, z, normal;
         hn::LoadInterleaved4(f, reinterpret_cast<const float*>(from), x, y, z, normal);
         const auto w = p.perspective != 0 ? hn::Add(hn::Set(f, p.quick_near), z) : hn::Set(f, 1.0F);
-        const auto at_x = hn::Add(hn::Div(hn::Mul(x, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_x));
-        const auto at_y = hn::Add(hn::Div(hn::Mul(y, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_y));
+        const auto at_x =
+            hn::Add(hn::Div(hn::Mul(x, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_x));
+        const auto at_y =
+            hn::Add(hn::Div(hn::Mul(y, hn::Set(f, p.quick_focal)), w), hn::Set(f, p.quick_center_y));
         const auto floor_x = hn::Floor(at_x);
         const auto floor_y = hn::Floor(at_y);
         const auto share_x = hn::Sub(at_x, floor_x);
@@ -121,21 +127,24 @@ void project_span(const twin::Projection& p, const Particle* particles, std::uin
                                      hn::Gt(w, hn::Set(f, 1e-30F)));
         const auto column = hn::And(hn::ConvertTo(s, floor_x), mask);
         const auto row = hn::And(hn::ConvertTo(s, floor_y), mask);
-        hn::StoreU(hn::BitCast(u, hn::Or(hn::ShiftLeft<twin::kTileShift>(row), column)), u, frame.pixel.data() + i);
+        hn::StoreU(hn::BitCast(u, hn::Or(hn::ShiftLeft<twin::kTileShift>(row), column)), u,
+                   frame.pixel.data() + i);
         const auto index = hn::Add(hn::Set(u, first + static_cast<std::uint32_t>(i)), step);
-        const auto scrambled = hn::Mul(index, hn::Set(u, 0x9e3779b1U));  // twin::scramble_index
-        hn::StoreInterleaved2(scrambled, hn::BitCast(u, z), u, reinterpret_cast<std::uint32_t*>(frame.key.data() + i));
+        const auto scrambled = hn::Mul(index, hn::Set(u, 0x9e3779b1U));  // as twin::particle_key
+        hn::StoreInterleaved2(scrambled, hn::BitCast(u, z), u,
+                              reinterpret_cast<std::uint32_t*>(frame.key.data() + i));
         if (HWY_UNLIKELY(!hn::AllTrue(f, decided)))
             for (std::size_t k = 0; k < std::min(lanes, count - i); ++k) {
                 const twin::PixelDepth exact = twin::project_quickly(p, from[k]);
                 constexpr int kMask = twin::kTileSide - 1;
-                frame.pixel[i + k] = static_cast<std::uint32_t>(((exact.row & kMask) << twin::kTileShift) | (exact.column & kMask));
+                frame.pixel[i + k] = static_cast<std::uint32_t>(((exact.row & kMask) << twin::kTileShift) |
+                                                                (exact.column & kMask));
             }
     }
 }
 
-// SIMD of kernel/math_twin.h, normal_twin.h, shading_twin.h and particle_twin.h: the same operations in the same
-// order, so the same bits.
+// SIMD of kernel/math_twin.h, normal_twin.h, shading_twin.h and particle_twin.h: the same operations in the
+// same order, so the same bits.
 
 using V = hn::Vec<F>;
 
@@ -173,7 +182,8 @@ struct V3 {
     const V f4 = hn::Mul(f2, f2);
     const V low = add_product(line(1.44269502F, -0.721347332F), f2, line(0.480910629F, -0.360703677F));
     const V high = add_product(line(0.287916243F, -0.238944829F), f2, line(0.215715617F, -0.207269683F));
-    return add_product(hn::ConvertTo(F(), k), f, add_product(low, f4, add_product(high, f4, set(0.125836894F))));
+    return add_product(hn::ConvertTo(F(), k), f,
+                       add_product(low, f4, add_product(high, f4, set(0.125836894F))));
 }
 
 [[nodiscard]] HWY_INLINE V quick_exp2(V t) {
@@ -184,7 +194,8 @@ struct V3 {
     const V r2 = hn::Mul(r, r);
     const V high = add_product(line(0.00961848907F, 0.00133999309F), r2, set(0.00015345811F));
     const V low = add_product(line(1.0F, 0.693147182F), r2, line(0.240226462F, 0.0555032864F));
-    const auto scaled = hn::Add(hn::BitCast(s, add_product(low, hn::Mul(r2, r2), high)), hn::ShiftLeft<23>(n));
+    const auto scaled =
+        hn::Add(hn::BitCast(s, add_product(low, hn::Mul(r2, r2), high)), hn::ShiftLeft<23>(n));
     return hn::BitCast(F(), hn::IfThenZeroElse(hn::Lt(n, hn::Set(s, -125)), scaled));
 }
 
@@ -198,7 +209,9 @@ struct V3 {
 
 [[nodiscard]] HWY_INLINE V with_sign_of(V size, V sign) { return hn::Or(size, hn::And(sign, set(-0.0F))); }
 
-[[nodiscard]] HWY_INLINE V3 scaled(const V3& v, V s) { return {hn::Mul(v.x, s), hn::Mul(v.y, s), hn::Mul(v.z, s)}; }
+[[nodiscard]] HWY_INLINE V3 scaled(const V3& v, V s) {
+    return {hn::Mul(v.x, s), hn::Mul(v.y, s), hn::Mul(v.z, s)};
+}
 
 [[nodiscard]] HWY_INLINE V3 unpack_normal(hn::Vec<U> bits) {
     const I s;
@@ -244,17 +257,19 @@ HWY_INLINE void put(V value, Column& column, std::size_t i) { hn::Store(value, F
 struct alignas(64) Column3 {
     Column x, y, z;
 };
-HWY_INLINE V3 get(const Column3& column, std::size_t i) { return {get(column.x, i), get(column.y, i), get(column.z, i)}; }
+HWY_INLINE V3 get(const Column3& column, std::size_t i) {
+    return {get(column.x, i), get(column.y, i), get(column.z, i)};
+}
 HWY_INLINE void put(const V3& value, Column3& column, std::size_t i) {
     put(value.x, column.x, i);
     put(value.y, column.y, i);
     put(value.z, column.z, i);
 }
 
-/// Diffuse and specular light on `count` particles, step by step for all of them: a step's chain of operations is
-/// short, and those of several vectors run side by side.
-void light_block(const ParticleShading& shading, float shininess, const Particle* particles, std::size_t count, Column& diffuse,
-                 Column& specular) {
+/// Diffuse and specular light on `count` particles, step by step for all of them: a step's chain of
+/// operations is short, and those of several vectors run side by side.
+void light_block(const ParticleShading& shading, float shininess, const Particle* particles,
+                 std::size_t count, Column& diffuse, Column& specular) {
     const std::size_t lanes = hn::Lanes(F());
     alignas(64) Column3 viewer, normal;
     alignas(64) Column n_h, exponent;
@@ -279,15 +294,17 @@ void light_block(const ParticleShading& shading, float shininess, const Particle
             put(hn::Min(hn::Max(product, set(0)), set(1.0F)), n_h, i);
             put(add_product(get(diffuse, i), intensity, hn::Max(set(0), dot(n, l))), diffuse, i);
         }
-        for (std::size_t i = 0; i < count; i += lanes) put(power_exponent(get(n_h, i), shininess), exponent, i);
         for (std::size_t i = 0; i < count; i += lanes)
-            put(add_product(get(specular, i), intensity, power_of(get(n_h, i), shininess, get(exponent, i))), specular, i);
+            put(power_exponent(get(n_h, i), shininess), exponent, i);
+        for (std::size_t i = 0; i < count; i += lanes)
+            put(add_product(get(specular, i), intensity, power_of(get(n_h, i), shininess, get(exponent, i))),
+                specular, i);
     }
 }
 
 /// Colours of at most kShadeBlock particles of one object without an image.
-void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles, std::size_t count,
-                 WonColor* out) {
+void shade_block(const ParticleShading& shading, const twin::Material& m, const Particle* particles,
+                 std::size_t count, WonColor* out) {
     alignas(64) Column diffuse, specular;
     const bool lit = m.flat_colored == 0;
     if (lit) light_block(shading, m.shininess, particles, count, diffuse, specular);
@@ -299,8 +316,9 @@ void shade_block(const ParticleShading& shading, const twin::Material& m, const 
             const V highlight = hn::Mul(set(m.specular), get(specular, i));
             for (V& channel : color) channel = hn::Add(hn::Mul(channel, all), highlight);
         }
-        hn::StoreInterleaved4(channel_units(color[0], units), channel_units(color[1], units), channel_units(color[2], units),
-                              hn::Set(U(), 1), U(), reinterpret_cast<std::uint32_t*>(out + i));
+        hn::StoreInterleaved4(channel_units(color[0], units), channel_units(color[1], units),
+                              channel_units(color[2], units), hn::Set(U(), 1), U(),
+                              reinterpret_cast<std::uint32_t*>(out + i));
     }
 }
 
@@ -317,7 +335,8 @@ template <class D, class N = hn::Vec<D>>
 }
 
 /// Adds colours and depths to the sums of their pixels, one after the other.
-void add_winners(const Particle* particles, const std::uint32_t* pixels, const WonColor* colors, std::size_t count, TileFrame& frame) {
+void add_winners(const Particle* particles, const std::uint32_t* pixels, const WonColor* colors,
+                 std::size_t count, TileFrame& frame) {
     using Wide = hn::CappedTag<std::uint64_t, 4>;
     const Wide wide;
     const hn::Rebind<std::uint32_t, Wide> narrow;
@@ -327,7 +346,8 @@ void add_winners(const Particle* particles, const std::uint32_t* pixels, const W
         for (std::size_t channel = 0; channel < 4; channel += hn::Lanes(wide)) {
             const auto one = hn::PromoteTo(wide, hn::Load(narrow, units + channel));
             hn::Store(hn::Add(hn::Load(wide, sum.color + channel), one), wide, sum.color + channel);
-            hn::Store(hn::Add(hn::Load(wide, sum.square + channel), squared(wide, one)), wide, sum.square + channel);
+            hn::Store(hn::Add(hn::Load(wide, sum.square + channel), squared(wide, one)), wide,
+                      sum.square + channel);
         }
         std::uint32_t& depth = frame.depth[pixels[k]];
         depth = std::min(depth, twin::floatBitsToUint(particles[k].above_near));
@@ -362,7 +382,8 @@ void shade_queue(const ParticleShading& shading, WinnerQueue& queue, TileFrame& 
 }
 
 /// Projects the particles of one repeat in one tile and takes the least key of every pixel.
-void splat_span(const RepeatParticles& repeat, const TileSpan& span, const DrawConstants& constants, TileFrame& frame) {
+void splat_span(const RepeatParticles& repeat, const TileSpan& span, const DrawConstants& constants,
+                TileFrame& frame) {
     const std::uint32_t begin = run_begin(repeat, span.first_run);
     const std::size_t count = run_begin(repeat, span.end_run) - begin;
     frame.make_room(count);
@@ -373,10 +394,11 @@ void splat_span(const RepeatParticles& repeat, const TileSpan& span, const DrawC
     }
 }
 
-/// Moves those who still hold their pixel to the queue, and clears their keys: no other particle's key could have
-/// been equal. Without a branch, since nobody could predict it. `next`: what will be read after this, another repeat's
-/// particles, which no hardware foresees; asked for little by little.
-void queue_winners(const Particle* particles, std::size_t begin, std::size_t end, const Particle* next, WinnerQueue& queue, TileFrame& frame) {
+/// Moves those who still hold their pixel to the queue, and clears their keys: no other particle's key could
+/// have been equal. Without a branch, since nobody could predict it. `next`: what will be read after this,
+/// another repeat's particles, which no hardware foresees; asked for little by little.
+void queue_winners(const Particle* particles, std::size_t begin, std::size_t end, const Particle* next,
+                   WinnerQueue& queue, TileFrame& frame) {
     std::uint32_t count = queue.count;
     for (std::size_t i = begin; i < end; ++i) {
         __builtin_prefetch(next + i, 0, 2);
@@ -390,19 +412,23 @@ void queue_winners(const Particle* particles, std::size_t begin, std::size_t end
     queue.count = count;
 }
 
-void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const DrawConstants& constants, TileFrame& frame) {
+void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const DrawConstants& constants,
+                TileFrame& frame) {
     for (std::size_t s = 0; s < spans.size(); ++s) {
         const TileSpan& span = spans[s];
         const TileSpan& after = spans[std::min(s + 1, spans.size() - 1)];
-        const Particle* next = set.repeats[after.repeat].particles.data() + run_begin(set.repeats[after.repeat], after.first_run);
+        const Particle* next = set.repeats[after.repeat].particles.data() +
+                               run_begin(set.repeats[after.repeat], after.first_run);
         const RepeatParticles& repeat = set.repeats[span.repeat];
         const std::uint32_t begin = run_begin(repeat, span.first_run);
         splat_span(repeat, span, constants, frame);
         for (std::uint32_t run = span.first_run; run < span.end_run; ++run) {
-            WinnerQueue& queue = queue_of(repeat.runs[run].bin % constants.objects, *constants.shading, frame);
+            WinnerQueue& queue =
+                queue_of(repeat.runs[run].bin % constants.objects, *constants.shading, frame);
             const std::size_t end = run_begin(repeat, run + 1) - begin;
             for (std::size_t i = run_begin(repeat, run) - begin; i < end; i += kShadeBlock) {
-                queue_winners(repeat.particles.data() + begin, i, std::min(i + kShadeBlock, end), next, queue, frame);
+                queue_winners(repeat.particles.data() + begin, i, std::min(i + kShadeBlock, end), next, queue,
+                              frame);
                 if (queue.count >= kShadeBlock) shade_queue(*constants.shading, queue, frame);
             }
         }
@@ -412,8 +438,8 @@ void draw_spans(const ParticleSet& set, std::span<const TileSpan> spans, const D
 }
 
 /// `won`: for every particle of the span its pixel of the tile if it won, else kNoPixel.
-void find_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants, TileFrame& frame,
-                  std::vector<std::uint32_t>& won) {
+void find_winners(const ParticleSet& set, const TileSpan& span, const DrawConstants& constants,
+                  TileFrame& frame, std::vector<std::uint32_t>& won) {
     const RepeatParticles& repeat = set.repeats[span.repeat];
     splat_span(repeat, span, constants, frame);
     won.resize(run_begin(repeat, span.end_run) - run_begin(repeat, span.first_run));
@@ -445,7 +471,8 @@ struct Item {
 
 /// Tiles, cut by repeats where there are too few of them for all threads.
 [[nodiscard]] std::vector<Item> cut_into_items(const TileSpans& spans) {
-    const std::size_t most = std::max<std::size_t>(16, spans.spans.size() / (8 * static_cast<std::size_t>(thread_count())));
+    const std::size_t most =
+        std::max<std::size_t>(16, spans.spans.size() / (8 * static_cast<std::size_t>(thread_count())));
     std::vector<Item> items;
     for (std::uint32_t tile = 0; tile + 1 < spans.tile_begin.size(); ++tile) {
         const std::size_t begin = spans.tile_begin[tile];
@@ -465,7 +492,8 @@ public:
           grid_(scene.camera.width(), scene.camera.height()),
           frame_(scene.camera),
           shading_(scene, frame_),
-          constants_{frame_.projection(scene.camera), &shading_, static_cast<std::uint32_t>(scene.objects.size())} {}
+          constants_{frame_.projection(scene.camera), &shading_,
+                     static_cast<std::uint32_t>(scene.objects.size())} {}
 
     void draw(const ParticleSet& set, EnsembleSums& sums) override {
         const TileSpans spans(set, grid_.count());
@@ -475,7 +503,8 @@ public:
             TileFrame& mine = frames_.local();
             for (std::size_t i = begin; i < end; ++i) {
                 const Item& item = items[i];
-                const auto part = std::span(spans.spans).subspan(item.first_span, item.end_span - item.first_span);
+                const auto part =
+                    std::span(spans.spans).subspan(item.first_span, item.end_span - item.first_span);
                 HWY_DYNAMIC_DISPATCH(draw_spans)(set, part, constants_, mine);
                 const std::lock_guard lock(owned[item.tile]);
                 add_tile(item.tile, mine, sums);
@@ -492,7 +521,8 @@ public:
         parallel_for(grid_.count(), 1, [&](std::size_t begin, std::size_t end) {
             TileFrame& mine = frames_.local();
             for (std::size_t tile = begin; tile < end; ++tile)
-                for (const TileSpan& span : spans.of(tile)) note_winners(set, tile, span, mine, all[span.repeat]);
+                for (const TileSpan& span : spans.of(tile))
+                    note_winners(set, tile, span, mine, all[span.repeat]);
         });
         return all;
     }
@@ -505,9 +535,8 @@ public:
 
 private:
     [[nodiscard]] std::size_t pixel_of(std::size_t tile, std::size_t local) const {
-        const std::size_t column = (tile % grid_.columns << twin::kTileShift) + (local & (twin::kTileSide - 1));
-        const std::size_t row = (tile / grid_.columns << twin::kTileShift) + (local >> twin::kTileShift);
-        return row * static_cast<std::size_t>(camera_.width()) + column;
+        return grid_.row_of(tile, local) * static_cast<std::size_t>(camera_.width()) +
+               grid_.column_of(tile, local);
     }
 
     /// Moves the tile's sums to where they belong and leaves the frame empty.
@@ -527,7 +556,8 @@ private:
         }
     }
 
-    void note_winners(const ParticleSet& set, std::size_t tile, const TileSpan& span, TileFrame& frame, Winners& out) const {
+    void note_winners(const ParticleSet& set, std::size_t tile, const TileSpan& span, TileFrame& frame,
+                      Winners& out) const {
         std::vector<std::uint32_t> won;
         HWY_DYNAMIC_DISPATCH(find_winners)(set, span, constants_, frame, won);
         const std::uint32_t begin = run_begin(set.repeats[span.repeat], span.first_run);
@@ -545,7 +575,9 @@ private:
 
 }  // namespace
 
-std::unique_ptr<ParticleDrawer> make_fast_drawer(const PreparedScene& scene) { return std::make_unique<FastDrawer>(scene); }
+std::unique_ptr<ParticleDrawer> make_fast_drawer(const PreparedScene& scene) {
+    return std::make_unique<FastDrawer>(scene);
+}
 
 }  // namespace pellucid
 #endif

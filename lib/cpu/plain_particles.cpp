@@ -14,7 +14,10 @@ constexpr std::uint64_t kNoHit = ~std::uint64_t{0};
 class PlainDrawer final : public ParticleDrawer {
 public:
     explicit PlainDrawer(const PreparedScene& scene)
-        : camera_(scene.camera), frame_(scene.camera), projection_(frame_.projection(scene.camera)), shading_(scene, frame_) {}
+        : camera_(scene.camera),
+          frame_(scene.camera),
+          projection_(frame_.projection(scene.camera)),
+          shading_(scene, frame_) {}
 
     void draw(const ParticleSet& set, EnsembleSums& sums) override {
         struct Frames {
@@ -60,12 +63,15 @@ public:
 
 private:
     /// Shades the winner of every hit pixel and adds it.
-    void add_frame(const RepeatParticles& repeat, std::uint32_t objects, const WinnerFrame& winners, EnsembleSums& sums) const {
+    void add_frame(const RepeatParticles& repeat, std::uint32_t objects, const WinnerFrame& winners,
+                   EnsembleSums& sums) const {
         for (const std::uint32_t pixel : winners.hit_pixels()) {
             const std::uint32_t index = winners.winner(pixel);
             const Particle& particle = repeat.particles[index];
             const twin::ColorUnits c = shade_particle(shading_, repeat.bin_of(index) % objects, particle);
-            EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue}, .covered = 1, .depth = twin::floatBitsToUint(particle.above_near)};
+            EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue},
+                                    .covered = 1,
+                                    .depth = twin::floatBitsToUint(particle.above_near)};
             for (int k = 0; k < 3; ++k) one.square[k] = one.color[k] * one.color[k];
             sums.pixels[pixel].add(one);
         }
@@ -88,7 +94,7 @@ void WinnerFrame::draw(std::span<const Particle> particles, const twin::Projecti
         if (at.column < 0) continue;
         const std::uint32_t pixel = static_cast<std::uint32_t>(at.row) * static_cast<std::uint32_t>(width_) +
                                     static_cast<std::uint32_t>(at.column);
-        const std::uint64_t key = (static_cast<std::uint64_t>(at.depth) << 32U) | twin::scramble_index(static_cast<std::uint32_t>(i));
+        const std::uint64_t key = twin::particle_key(particles[i], static_cast<std::uint32_t>(i));
         if (keys_[pixel] == kNoHit) hit_.push_back(pixel);
         keys_[pixel] = std::min(keys_[pixel], key);
     }
@@ -99,6 +105,8 @@ void WinnerFrame::clear() {
     hit_.clear();
 }
 
-std::unique_ptr<ParticleDrawer> make_plain_drawer(const PreparedScene& scene) { return std::make_unique<PlainDrawer>(scene); }
+std::unique_ptr<ParticleDrawer> make_plain_drawer(const PreparedScene& scene) {
+    return std::make_unique<PlainDrawer>(scene);
+}
 
 }  // namespace pellucid

@@ -1,10 +1,12 @@
-// STEPs 2 and 3 of PBSR on the CPU, plain: the specification that the fast versions are tested against.
+// STEPs 2 and 3 of PBSR on the CPU, plain: the specification that every other one is tested against.
 //
 // Costs go with particles, not with repeats × pixels: a frame is cleared only where it was hit, and
 // only hit pixels are shaded and added.
 #pragma once
 
 #include <cstdint>
+#include <memory>
+#include <span>
 #include <vector>
 
 #include "stage/particle_drawer.hpp"
@@ -34,7 +36,7 @@ private:
     int width_;
 };
 
-/// Repeats in parallel, a frame and sums a thread.
+/// Repeats in parallel, a frame and sums a thread. The scene must outlive the drawer.
 [[nodiscard]] std::unique_ptr<ParticleDrawer> make_plain_drawer(const PreparedScene& scene);
 
 }  // namespace pellucid

@@ -221,7 +221,9 @@ const std::vector<Backend>& Experiment::backends(const std::vector<std::string>&
     State& s = *state_;
     if (!s.backends.empty()) return s.backends;
     RunOptions options = s.options;
-    const auto configures = [&](const char* name) { return std::ranges::find(configured, name) != configured.end(); };
+    const auto configures = [&](const char* name) {
+        return std::ranges::find(configured, name) != configured.end();
+    };
     if (!options.backend && configures("vulkan"))
         options.backend = configures("cpu") ? BackendChoice::all : BackendChoice::vulkan;
     s.backends = open_backends(options);

@@ -84,8 +84,8 @@ public:
 
     /// Notes `value relation limit` ("<=", ">=", "<", ">", "=="); a NaN fails. The run goes on.
     void check(const std::string& name, double value, const std::string& relation, double limit);
-    /// What --backend asks for; without it those of `configured` ("cpu", "vulkan"). Opened once, listed in the summary.
-    /// Throws Error(device) where one is not there.
+    /// What --backend asks for; without it those of `configured` ("cpu", "vulkan"). Opened once, listed in
+    /// the summary. Throws Error(device) where one is not there.
     [[nodiscard]] const std::vector<Backend>& backends(const std::vector<std::string>& configured = {"cpu"});
     /// Devices used beside the CPU, which is always listed.
     void device(const Device& device);

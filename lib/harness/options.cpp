@@ -148,7 +148,8 @@ void Arguments::positional(const std::string& name, std::string& value, const st
     parser_->app.add_option(name, value, help)->required(required);
 }
 
-void Arguments::positionals(const std::string& name, std::vector<std::string>& values, const std::string& help) {
+void Arguments::positionals(const std::string& name, std::vector<std::string>& values,
+                            const std::string& help) {
     parser_->app.add_option(name, values, help)->required();
 }
 
@@ -192,8 +193,9 @@ void add_experiment_options(Arguments& arguments, ExperimentOptions& options) {
 
 void apply_run_options(const RunOptions& options) {
     if (!options.device.empty() && options.backend.value_or(BackendChoice::cpu) == BackendChoice::cpu)
-        throw input_error("--device {}: it chooses among Vulkan devices, expected --backend vulkan or all beside it",
-                          one_line(options.device, 60));
+        throw input_error(
+            "--device {}: it chooses among Vulkan devices, expected --backend vulkan or all beside it",
+            one_line(options.device, 60));
     if (options.threads > 0) set_thread_count(options.threads);
 }
 
@@ -202,7 +204,8 @@ std::vector<Backend> open_backends(const RunOptions& options, bool validate) {
     std::vector<Backend> backends;
     if (choice != BackendChoice::vulkan) backends.push_back(Backend::cpu());
     // A device that was named must be there; of all there are, none is needed.
-    if (choice == BackendChoice::vulkan || (choice == BackendChoice::all && (!options.device.empty() || Backend::has_vulkan())))
+    if (choice == BackendChoice::vulkan ||
+        (choice == BackendChoice::all && (!options.device.empty() || Backend::has_vulkan())))
         backends.push_back(Backend::open_vulkan({.device = options.device, .validate = validate}));
     return backends;
 }

@@ -105,7 +105,8 @@ std::map<std::string, std::string> string_attributes(const Imf::Header& header) 
     std::map<std::string, std::string> attributes;
     for (auto a = header.begin(); a != header.end(); ++a)
         if (const auto* text = dynamic_cast<const Imf::StringAttribute*>(&a.attribute()))
-            if (std::string_view(a.name()) != "type") attributes[a.name()] = text->value();  // type: scanline or tiled
+            if (std::string_view(a.name()) != "type")
+                attributes[a.name()] = text->value();  // type: scanline or tiled
     return attributes;
 }
 
@@ -158,18 +159,19 @@ ExrHeader read_exr_header(const std::filesystem::path& file) {
     });
 }
 
-void read_exr_words(const std::filesystem::path& file, int width, int height, std::span<const WordTarget> targets) {
+void read_exr_words(const std::filesystem::path& file, int width, int height,
+                    std::span<const WordTarget> targets) {
     read_file(file, [&](Imf::MultiPartInputFile& exr, const Imf::Header& header) {
         const Imath::Box2i& window = header.dataWindow();
         if (width_of(window) != width || height_of(window) != height)
-            throw input_error("{}: has {} x {} pixels, expected {} x {}", file.string(), width_of(window), height_of(window),
-                              width, height);
+            throw input_error("{}: has {} x {} pixels, expected {} x {}", file.string(), width_of(window),
+                              height_of(window), width, height);
         Imf::FrameBuffer slices;
         for (const WordTarget& target : targets) {
             const Imf::Channel* channel = header.channels().findChannel(target.name);
             if (channel == nullptr || channel->type != Imf::UINT)
-                throw input_error("{}: channel {} is {}, expected one of unsigned integers", file.string(), target.name,
-                                  channel == nullptr ? "not there" : "of another type");
+                throw input_error("{}: channel {} is {}, expected one of unsigned integers", file.string(),
+                                  target.name, channel == nullptr ? "not there" : "of another type");
             slices.insert(target.name, Imf::Slice::Make(Imf::UINT, target.first, window, target.stride));
         }
         read_slices(exr, slices, window);
@@ -190,7 +192,8 @@ void write_exr(const Image& image, const std::filesystem::path& file, std::span<
         }
         for (const WordPlane& plane : words) {
             header.channels().insert(plane.name, Imf::Channel(Imf::UINT));
-            source.insert(plane.name, Imf::Slice::Make(Imf::UINT, plane.first, header.dataWindow(), plane.stride));
+            source.insert(plane.name,
+                          Imf::Slice::Make(Imf::UINT, plane.first, header.dataWindow(), plane.stride));
         }
         for (const auto& [name, value] : image.attributes) header.insert(name, Imf::StringAttribute(value));
 

@@ -41,9 +41,10 @@ struct ExrHeader {
 /// What read_exr would return, without the planes; refuses what it would refuse but for damaged pixels.
 [[nodiscard]] ExrHeader read_exr_header(const std::filesystem::path& file);
 
-/// The uint channels that the targets name. Throws Error(input) where the file is not width × height, or has no
-/// such channel, or of another type.
-void read_exr_words(const std::filesystem::path& file, int width, int height, std::span<const WordTarget> targets);
+/// The uint channels that the targets name. Throws Error(input) where the file is not width × height, or has
+/// no such channel, or of another type.
+void read_exr_words(const std::filesystem::path& file, int width, int height,
+                    std::span<const WordTarget> targets);
 
 /// R, G, B (associated) + (1 − A)·background, clamped to [0, 1], sRGB encoded, 8 bit.
 /// Precondition: planes R, G, B; A is taken as 1 where there is none.

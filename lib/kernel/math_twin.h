@@ -318,10 +318,11 @@ TWIN_FN float twin_power(float x, float y) {
     return uintBitsToFloat(bits);
 }
 
-// For shading, where a colour of 16 bits needs no last bit: relative errors below 3e-7 (rsqrt), and for powers
-// below 2e-7·(1 + |log2 of the result|); a third of the cost, and short chains of operations (Estrin). Arguments are normal numbers, no special values.
+// For shading, where a colour of 16 bits needs no last bit: relative errors below 3e-7 (rsqrt), and for
+// powers below 2e-7·(1 + |log2 of the result|); a third of the cost, and short chains of operations (Estrin).
+// Arguments are normal numbers, no special values.
 
-// 1/√x: a first guess from the bits (Blinn 1997, "Floating-point tricks"; 3.5 %) and two steps of third order.
+// 1/√x: a guess from the bits (Blinn 1997, "Floating-point tricks"; 3.5 %) and two steps of third order.
 TWIN_FN float quick_rsqrt(float x) {
     TWIN_PRECISE float y = uintBitsToFloat(0x5f3759dfu - (floatBitsToUint(x) >> 1u));
     TWIN_PRECISE float half_x = 0.5f * x;
@@ -350,7 +351,8 @@ TWIN_FN float quick_exp2(float t) {
     TWIN_PRECISE float r = t - float(n);
     TWIN_PRECISE float r2 = r * r;
     TWIN_PRECISE float high = (0.00961848907f + r * 0.00133999309f) + r2 * 0.00015345811f;
-    TWIN_PRECISE float e = ((1.0f + r * 0.693147182f) + r2 * (0.240226462f + r * 0.0555032864f)) + (r2 * r2) * high;
+    TWIN_PRECISE float e =
+        ((1.0f + r * 0.693147182f) + r2 * (0.240226462f + r * 0.0555032864f)) + (r2 * r2) * high;
     return uintBitsToFloat(bits_where(n < -125, 0u, floatBitsToUint(e) + (uint(n) << 23u)));
 }
 

@@ -27,8 +27,8 @@ struct DrawItem {
     uint end_span;
 };
 
-// Sums of one pixel over at most kPackedRepeats repeats, as few words as they fit into: on a device in software
-// every access is a loop over the lanes. Colours below 2^20 units sum to 29 bits.
+// Sums of one pixel over at most kPackedRepeats repeats, as few words as they fit into: on a device in
+// software every access is a loop over the lanes. Colours below 2^20 units sum to 29 bits.
 const uint kPackedRepeats = 512u;
 struct PackedSums {
     uint64_t red_green;    // red << 29 | green; the highest 6 bits: covered >> 4
@@ -38,11 +38,15 @@ struct PackedSums {
     uint64_t blue_square;
 };
 
-// Depths lie in [0, 1]: 30 bits. 0: nothing; else the larger the nearer.
+// Depths lie in [0, 1]: 30 bits of float32. 0: nothing; else the larger the nearer.
 TWIN_FN uint nearness_of(Particle q) { return 0x3fffffffu - min(floatBitsToUint(q.above_near), 0x3ffffffeu); }
-TWIN_FN uint depth_of_nearness(uint nearness) { return nearness == 0u ? 0xffffffffu : 0x3fffffffu - nearness; }
+TWIN_FN uint depth_of_nearness(uint nearness) {
+    return nearness == 0u ? 0xffffffffu : 0x3fffffffu - nearness;
+}
 
-TWIN_FN uint packed_covered(PackedSums s) { return (uint(s.red_green >> 58) << 4u) | (uint(s.blue_depth >> 30) & 15u); }
+TWIN_FN uint packed_covered(PackedSums s) {
+    return (uint(s.red_green >> 58) << 4u) | (uint(s.blue_depth >> 30) & 15u);
+}
 TWIN_FN uint packed_nearness(PackedSums s) { return uint(s.blue_depth) & 0x3fffffffu; }
 
 // One winner more.
@@ -53,14 +57,15 @@ TWIN_FN PackedSums add_packed(PackedSums s, ColorUnits c, uint nearness) {
     uint64_t blue = (s.blue_depth >> 34) + uint64_t(c.blue);
     PackedSums r;
     r.red_green = (uint64_t(covered >> 4u) << 58) | colors;
-    r.blue_depth = (blue << 34) | (uint64_t(covered & 15u) << 30) | uint64_t(max(packed_nearness(s), nearness));
+    r.blue_depth =
+        (blue << 34) | (uint64_t(covered & 15u) << 30) | uint64_t(max(packed_nearness(s), nearness));
     r.red_square = s.red_square + uint64_t(c.red) * uint64_t(c.red);
     r.green_square = s.green_square + uint64_t(c.green) * uint64_t(c.green);
     r.blue_square = s.blue_square + uint64_t(c.blue) * uint64_t(c.blue);
     return r;
 }
 
-// Sums of one pixel over all repeats, as EnsembleSums::Pixel has them.
+// Sums of one pixel over all repeats: EnsembleSums::Pixel, with nearness for depth.
 struct PixelSums {
     uint64_t red;
     uint64_t green;
@@ -72,6 +77,7 @@ struct PixelSums {
     uint nearness;
 };
 
+// Adds what many winners came to.
 TWIN_FN PixelSums add_unpacked(PixelSums sum, PackedSums s) {
     uint64_t low = (uint64_t(1) << 29) - uint64_t(1);
     sum.red += (s.red_green >> 29) & low;
@@ -105,15 +111,10 @@ struct DrawSetup {
 };
 
 const uint kNoTilePixel = 0xffffffffu;
-// The pixels of a tile, and behind them one for every invocation to write to that has won nothing: a write that
-// all do is cheaper than a branch that some take.
+// The pixels of a tile, and behind them one for every invocation to write to that has won nothing: a write
+// that all do is cheaper than a branch that some take.
 const uint kMostGroup = 256u;
 const uint kSlotPixels = uint(kTilePixels) + kMostGroup;
-
-// Nearest first; at equal depth the lower of the scrambled indices.
-TWIN_FN uint64_t particle_key(Particle q, uint index) {
-    return (uint64_t(floatBitsToUint(q.above_near)) << 32) | uint64_t(scramble_index(index));
-}
 
 TWIN_END
 #endif

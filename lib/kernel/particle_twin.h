@@ -67,16 +67,19 @@ TWIN_FN Vec3f direction_to_viewer(ShadingView view, Particle q) {
     return v;
 }
 
+// A colour of one channel in units, rounded to the next, within 0 … kMostColorUnits.
 TWIN_FN uint channel_units(float value, float units) {
     TWIN_PRECISE float scaled = max(value, 0.0f) * units + 0.5f;
     return min(uint(min(scaled, 2097152.0f)), kMostColorUnits);
 }
 
+// The shaded colour; red, green, blue: the surface's own, or its image's.
 TWIN_FN ColorUnits color_units(Material m, LightSums sums, float red, float green, float blue, float units) {
     bool lit = m.flat_colored == 0;
     ColorUnits c;
     c.red = channel_units(lit ? shaded_channel(red, sums, m.ambient, m.diffuse, m.specular) : red, units);
-    c.green = channel_units(lit ? shaded_channel(green, sums, m.ambient, m.diffuse, m.specular) : green, units);
+    c.green =
+        channel_units(lit ? shaded_channel(green, sums, m.ambient, m.diffuse, m.specular) : green, units);
     c.blue = channel_units(lit ? shaded_channel(blue, sums, m.ambient, m.diffuse, m.specular) : blue, units);
     return c;
 }
@@ -111,7 +114,8 @@ TWIN_FN TexelPlace texel_place(Material m, Particle q) {
 }
 
 // One channel from its four texels.
-TWIN_FN float mix_texels(TexelPlace p, float top_left, float top_right, float bottom_left, float bottom_right) {
+TWIN_FN float mix_texels(TexelPlace p, float top_left, float top_right, float bottom_left,
+                         float bottom_right) {
     TWIN_PRECISE float top = top_left + p.share_x * (top_right - top_left);
     TWIN_PRECISE float bottom = bottom_left + p.share_x * (bottom_right - bottom_left);
     TWIN_PRECISE float r = top + p.share_y * (bottom - top);

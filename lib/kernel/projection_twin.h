@@ -1,5 +1,7 @@
-// Which pixel a particle covers and how deep it lies: integers and exact scalings only, so that every
-// backend gives the same answer to the last bit.
+// Which pixel a particle covers and how deep it lies, to the last bit the same on every backend:
+//   project_particle  the definition: integers and exact scalings only
+//   project_quickly   float32 where it decides, else the definition: sorting and the fast CPU
+//   project_in_view   float32 guesses, integers mend: Vulkan, for particles known to be in view
 #ifndef PELLUCID_KERNEL_PROJECTION_TWIN_H
 #define PELLUCID_KERNEL_PROJECTION_TWIN_H
 #include "kernel/twin.h"
@@ -21,14 +23,15 @@ struct Projection {
     int64_t center_x;     // half the width · 2^fraction_bits
     int64_t center_y;     // half the height · 2^fraction_bits
     int near_bits;
-    int near_exponent;    // near plane in [2^e, 2^(e+1)), or below where that would be under -97 + lateral_shift
+    int near_exponent;    // near plane in [2^e, 2^(e+1)), or below where that would be under
+                          // -97 + lateral_shift
     int lateral_shift;    // perspective: extra bits that x and y keep below those of w;
                           // orthographic: their binary point
     int fraction_bits;
     int perspective;      // 0 or 1
     int width;
     int height;
-    // The same in float32, for project_quickly.
+    // The same in float32, for project_quickly and project_in_view.
     float quick_near;
     float quick_focal;
     float quick_center_x;
@@ -36,7 +39,7 @@ struct Projection {
     float doubt;          // pixels: this close to a border of a pixel float32 does not decide; 1: never
 };
 
-// The image is cut into square tiles of 2^kTileShift pixels a side: what a core or a workgroup draws at a time.
+// The image is cut into square tiles, 2^kTileShift pixels a side: what a core or workgroup draws at a time.
 const int kTileShift = 6;
 const int kTileSide = 1 << kTileShift;
 const int kTilePixels = kTileSide * kTileSide;
@@ -71,26 +74,48 @@ TWIN_FN int64_t to_fixed(float value, int shift) {
 TWIN_FN uint scramble_index(uint index) { return index * 0x9e3779b1u; }
 TWIN_FN uint restore_index(uint scrambled) { return scrambled * 0x0e8b2f51u; }
 
-TWIN_FN PixelDepth project_particle(Projection p, Particle q) {
+// Nearest first; at equal depth the lower of the scrambled indices.
+TWIN_FN uint64_t particle_key(Particle q, uint index) {
+    return (uint64_t(floatBitsToUint(q.above_near)) << 32) | uint64_t(scramble_index(index));
+}
+
+// The definition of a particle's pixel; column = row = -1 out of view.
+// Where a particle lies, in fixed point: column and row are the quotients, rounded down.
+struct FixedPlace {
+    int64_t column;      // numerators
+    int64_t row;
+    int64_t denominator; // <= 0: behind the eye
+};
+
+TWIN_FN FixedPlace fixed_place(Projection p, Particle q) {
     int64_t w = int64_t(1) << 30;
     int lateral = p.lateral_shift;
     if (p.perspective != 0) {
         // A binary point for this particle alone: near and far ones keep the same relative precision.
         int reach = q.above_near > 0.0f ? exponent_of(q.above_near) : -126;
         int shift = 29 - max(p.near_exponent, reach);
-        int down = min(p.near_bits - shift, 63);
-        w = (down >= 0 ? p.near_fixed >> down : p.near_fixed << (-down)) + to_fixed(q.above_near, shift);
+        // near_bits = 60 - near_exponent, so the near plane always has more bits than w: at least 31.
+        w = (p.near_fixed >> min(p.near_bits - shift, 63)) + to_fixed(q.above_near, shift);
         lateral += shift;
     }
+    FixedPlace r;
+    r.denominator = w << p.fraction_bits;
+    r.column = to_fixed(q.x, lateral) * p.focal_fixed + w * p.center_x;
+    r.row = to_fixed(q.y, lateral) * p.focal_fixed + w * p.center_y;
+    return r;
+}
+
+TWIN_FN PixelDepth project_particle(Projection p, Particle q) {
+    FixedPlace at = fixed_place(p, q);
     PixelDepth r;
     r.column = -1;
     r.row = -1;
     r.depth = floatBitsToUint(q.above_near);
-    int64_t denominator = w << p.fraction_bits;
-    if (denominator > int64_t(0)) {
-        int64_t column = floor_divide(to_fixed(q.x, lateral) * p.focal_fixed + w * p.center_x, denominator);
-        int64_t row = floor_divide(to_fixed(q.y, lateral) * p.focal_fixed + w * p.center_y, denominator);
-        if (column >= int64_t(0) && column < int64_t(p.width) && row >= int64_t(0) && row < int64_t(p.height)) {
+    if (at.denominator > int64_t(0)) {
+        int64_t column = floor_divide(at.column, at.denominator);
+        int64_t row = floor_divide(at.row, at.denominator);
+        if (column >= int64_t(0) && column < int64_t(p.width) && row >= int64_t(0) &&
+            row < int64_t(p.height)) {
             r.column = int(column);
             r.row = int(row);
         }
@@ -98,8 +123,8 @@ TWIN_FN PixelDepth project_particle(Projection p, Particle q) {
     return r;
 }
 
-// Where float32 lands on one axis: 0 surely inside [0, size), 1 surely outside, 2 undecided. `doubt` covers the
-// roundings here (of a division up to 2.5 ULP) and those of the fixed point.
+// Where float32 lands on one axis: 0 surely inside [0, size), 1 surely outside, 2 undecided. `doubt` covers
+// the roundings here (of a division up to 2.5 ULP) and those of the fixed point.
 TWIN_FN int quick_verdict(float position, float size, float doubt) {
     float share = position - floor(position);
     int inside = position >= 0.0f && position < size && share > doubt && share < 1.0f - doubt ? 0 : 2;
@@ -126,31 +151,22 @@ TWIN_FN PixelDepth project_quickly(Projection p, Particle q) {
     return r;
 }
 
-// A numerator and denominator that have `guess` as their quotient, or a neighbour of it: the quotient, rounded down.
+// floor(a/b) for b > 0, where `guess` is that quotient or a neighbour of it.
 TWIN_FN int mended_quotient(int64_t a, int64_t b, int guess) {
     int64_t rest = a - b * int64_t(guess);
     return guess + (rest < int64_t(0) ? -1 : (rest >= b ? 1 : 0));
 }
 
-// The same pixel as project_particle for particles that are in view, without a division of integers and without a
-// branch: float32 finds the quotient but for 1, products mend it. Precondition: p.doubt < 1.
+// The same pixel as project_particle for particles that are in view, without a division of integers and
+// without a branch: float32 finds the quotient but for 1, products mend it. Precondition: p.doubt < 1.
 TWIN_FN PixelDepth project_in_view(Projection p, Particle q) {
     float w_float = p.perspective != 0 ? p.quick_near + q.above_near : 1.0f;
     float x = q.x * p.quick_focal / w_float + p.quick_center_x;
     float y = q.y * p.quick_focal / w_float + p.quick_center_y;
-    int64_t w = int64_t(1) << 30;
-    int lateral = p.lateral_shift;
-    if (p.perspective != 0) {
-        // As in project_particle; |shift - near_bits| < 64, since doubt is 1 where the near plane is coarse.
-        int reach = q.above_near > 0.0f ? exponent_of(q.above_near) : -126;
-        int shift = 29 - max(p.near_exponent, reach);
-        w = (p.near_fixed >> min(p.near_bits - shift, 63)) + to_fixed(q.above_near, shift);
-        lateral += shift;
-    }
-    int64_t denominator = w << p.fraction_bits;
+    FixedPlace at = fixed_place(p, q);
     PixelDepth r;
-    r.column = mended_quotient(to_fixed(q.x, lateral) * p.focal_fixed + w * p.center_x, denominator, int(floor(x)));
-    r.row = mended_quotient(to_fixed(q.y, lateral) * p.focal_fixed + w * p.center_y, denominator, int(floor(y)));
+    r.column = mended_quotient(at.column, at.denominator, int(floor(x)));
+    r.row = mended_quotient(at.row, at.denominator, int(floor(y)));
     r.depth = floatBitsToUint(q.above_near);
     return r;
 }

@@ -1,5 +1,5 @@
-// Blinn-Phong without clamp: rgb = color·(ambient + diffuse·Σ I·max(0, n·l)) + specular·Σ I·max(0, n·h)^shininess,
-// the normal turned to the viewer. Two sums over the lights are all that it needs.
+// Blinn-Phong without clamp, the normal turned to the viewer; two sums over the lights are all that it needs:
+//   rgb = color·(ambient + diffuse·Σ I·max(0, n·l)) + specular·Σ I·max(0, n·h)^shininess
 #ifndef PELLUCID_KERNEL_SHADING_TWIN_H
 #define PELLUCID_KERNEL_SHADING_TWIN_H
 #include "kernel/math_twin.h"

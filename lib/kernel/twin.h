@@ -1,5 +1,6 @@
 // What twin headers share: they compile as C++ (g++) and as GLSL (glslc). Scalars, small structs and
-// pure functions only; the C++ side brings the few GLSL built-ins that they use.
+// pure functions only; the C++ side brings the few GLSL built-ins that they use, which have the same bits
+// everywhere: roots and powers are in math_twin.h.
 #ifndef PELLUCID_KERNEL_TWIN_H
 #define PELLUCID_KERNEL_TWIN_H
 
@@ -19,9 +20,7 @@ using std::int64_t;
 using std::uint64_t;
 using std::max;
 using std::min;
-using std::pow;
-using std::sqrt;
-[[nodiscard]] inline std::uint32_t floatBitsToUint(float value) { return std::bit_cast<std::uint32_t>(value); }
+[[nodiscard]] inline std::uint32_t floatBitsToUint(float v) { return std::bit_cast<std::uint32_t>(v); }
 [[nodiscard]] inline float uintBitsToFloat(std::uint32_t bits) { return std::bit_cast<float>(bits); }
 }  // namespace pellucid::twin
 #else

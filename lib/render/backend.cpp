@@ -16,7 +16,9 @@ Backend Backend::open_vulkan(const VulkanSettings& settings) {
     return backend;
 }
 
-bool Backend::has_vulkan() { return std::ranges::any_of(vulkan::list_devices(), &vulkan::DeviceInfo::usable); }
+bool Backend::has_vulkan() {
+    return std::ranges::any_of(vulkan::list_devices(), &vulkan::DeviceInfo::usable);
+}
 
 std::string Backend::device_name() const { return on_device() ? device_->info().name : ""; }
 
@@ -29,7 +31,8 @@ std::int64_t Backend::device_bytes() const {
 void Backend::check_validation() const {
     if (!on_device()) return;
     const std::vector<std::string> messages = device_->validation_messages();
-    if (!messages.empty()) throw run_error("{} validation messages, the first: {}", messages.size(), one_line(messages.front()));
+    if (!messages.empty())
+        throw run_error("{} validation messages, the first: {}", messages.size(), one_line(messages.front()));
 }
 
 std::unique_ptr<ParticleDrawer> Backend::make_particle_drawer(const PreparedScene& scene) const {

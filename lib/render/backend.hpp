@@ -1,7 +1,8 @@
-// Where the stages run: on the CPU, or on one Vulkan device that is opened once. Call sites ask it for stages and
-// never which it is.
+// Where the stages run: on the CPU, or on one Vulkan device that is opened once. Call sites ask it for stages
+// and never which it is.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <string>
 
@@ -38,6 +39,7 @@ public:
     /// Throws Error(run) with the first message of the validation layers, if there was any.
     void check_validation() const;
 
+    /// The fast drawer of the CPU, or the device's. The scene must outlive it.
     [[nodiscard]] std::unique_ptr<ParticleDrawer> make_particle_drawer(const PreparedScene& scene) const;
 
 private:

@@ -44,7 +44,7 @@ struct RenderInput {
     std::optional<double> max_error;  // --max-error
     std::function<void(double share)> progress = [](double) {};
     Backend backend = Backend::cpu();
-    /// Draw this part of the repeats only, and leave its sums here.
+    /// Draw this part (shard->part) of the repeats only, and leave its sums here; null: all of them.
     Shard* shard = nullptr;
 };
 

@@ -14,7 +14,8 @@ namespace pellucid {
 namespace {
 
 [[nodiscard]] std::uint32_t all_repeats(const RenderInput& input) {
-    return static_cast<std::uint32_t>(input.settings.integer("repeats", ParticleSettings{}.repeats, {.lo = 1, .hi = kMostRepeats}));
+    return static_cast<std::uint32_t>(
+        input.settings.integer("repeats", ParticleSettings{}.repeats, {.lo = 1, .hi = kMostRepeats}));
 }
 
 [[nodiscard]] ParticleSettings read_settings(const RenderInput& input) {
@@ -26,11 +27,13 @@ namespace {
         s.repeats = range.end - range.first;
     }
     (void)input.settings.one_of("sampler", "lines", {"lines"});
-    s.sampler.trials = input.settings.choice<TrialLaw>("count", TrialLaw::poisson,
-                                                      {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
-    s.sampler.lines = input.settings.choice<LineMode>("lines", LineMode::exact, {{"exact", LineMode::exact}, {"fast", LineMode::fast}});
+    s.sampler.trials = input.settings.choice<TrialLaw>(
+        "count", TrialLaw::poisson, {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
+    s.sampler.lines = input.settings.choice<LineMode>("lines", LineMode::exact,
+                                                      {{"exact", LineMode::exact}, {"fast", LineMode::fast}});
     if (s.sampler.lines == LineMode::fast && s.sampler.trials != TrialLaw::poisson)
-        throw input_error("particles.lines = \"fast\": expected \"exact\" where particles.count = \"binomial\"");
+        throw input_error(
+            "particles.lines = \"fast\": expected \"exact\" where particles.count = \"binomial\"");
     s.memory_mib = input.settings.integer("memory_mib", s.memory_mib, {.lo = 1, .hi = 1 << 20});
     s.sampler.seed = input.seed;
     s.max_error = input.max_error;
@@ -39,21 +42,24 @@ namespace {
 }
 
 /// Mean particles in one repeat, from the share of a few thousand trials that yield one.
-[[nodiscard]] double expected_particles(const std::vector<LineSampler>& samplers, const SamplerSettings& settings) {
+[[nodiscard]] double expected_particles(const std::vector<LineSampler>& samplers,
+                                        const SamplerSettings& settings) {
     constexpr std::uint64_t kProbes = 4096;
     double sum = 0;
     for (const LineSampler& sampler : samplers) {
         if (!(sampler.virtual_pixels() > 0)) continue;
         std::uint64_t kept = 0;
         for (std::uint64_t i = 0; i < kProbes; ++i) kept += sampler.trial({0}, ~0U, i) ? 1U : 0U;
-        sum += mean_trials(sampler, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
+        sum +=
+            mean_trials(sampler, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
     }
     return sum;
 }
 
-/// Keys and sums: of a tile a thread, and of the image. On a device those of the tiles and of the image lie there too.
+/// Keys and sums: of a tile a thread, and of the image. On a device: of all tiles, and its image as well.
 [[nodiscard]] std::int64_t frame_bytes(const Camera& camera, const Backend& backend) {
     const std::int64_t pixels = std::int64_t{camera.width()} * camera.height();
+    // A pixel: 8 bytes of key, 64 of sums, 4 of depth (cpu/fast_particles.cpp); for a device an estimate.
     constexpr std::int64_t kTileBytes = 76 * twin::kTilePixels;
     const std::int64_t image = pixels * static_cast<std::int64_t>(sizeof(EnsembleSums::Pixel));
     const auto tiles = static_cast<std::int64_t>(TileGrid(camera.width(), camera.height()).count());
@@ -62,8 +68,13 @@ namespace {
 
 /// Repeats held together: what fits into memory_mib, but at least one a thread, and no more than asked.
 [[nodiscard]] std::uint32_t batch_size(const ParticleSettings& settings, double particles_a_repeat) {
-    const double fit = static_cast<double>(settings.memory_mib) * 0x1p20 / (sizeof(Particle) * std::max(1.0, particles_a_repeat));
-    return static_cast<std::uint32_t>(std::min(std::max(fit, static_cast<double>(thread_count())), static_cast<double>(settings.repeats)));
+    const double fit = static_cast<double>(settings.memory_mib) * 0x1p20 /
+                       (sizeof(Particle) * std::max(1.0, particles_a_repeat));
+    // Repeats of a group share their lines: a group that is cut would be thrown again for each part.
+    const double unit = settings.sampler.lines == LineMode::fast ? kLineGroup : 1;
+    const double least = std::max(unit, static_cast<double>(thread_count()));
+    const double whole = std::max(std::floor(fit / unit) * unit, std::ceil(least / unit) * unit);
+    return static_cast<std::uint32_t>(std::min(whole, static_cast<double>(settings.repeats)));
 }
 
 /// Largest estimated standard error of a channel's mean.
@@ -95,14 +106,16 @@ namespace {
     const double particles = expected_particles(samplers, settings.sampler);
     const std::uint32_t batch = batch_size(settings, particles);
     return {
-        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", samplers.size())},
+        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()),
+         fmt::format("{} objects", samplers.size())},
         {"cut into pieces", 0, static_cast<std::int64_t>(sampler_bytes), fmt::format("{} pieces", pieces)},
         {"sample particles", 0, static_cast<std::int64_t>(particles * batch * sizeof(Particle)),
-         fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time", particles, trials,
-                     settings.repeats, batch)},
+         fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time",
+                     particles, trials, settings.repeats, batch)},
         {"project and average", 0, frame_bytes(input.scene.camera, input.backend),
          input.backend.on_device() ? input.backend.device_name() : fmt::format("{} threads", thread_count())},
-        {"image", 0, std::int64_t{9 * 4} * input.scene.camera.width() * input.scene.camera.height(), "9 planes"},
+        {"image", 0, std::int64_t{9 * 4} * input.scene.camera.width() * input.scene.camera.height(),
+         "9 planes"},
     };
 }
 
@@ -136,7 +149,8 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     std::uint32_t goal = settings.max_error ? std::min(16U, settings.repeats) : settings.repeats;
     while (done < settings.repeats) {
         const std::uint32_t count = std::min(batch, goal - done);
-        const ParticleSet set = sample_particles(scene, samplers, settings.sampler, settings.first_repeat + done, count);
+        const ParticleSet set =
+            sample_particles(scene, samplers, settings.sampler, settings.first_repeat + done, count);
         sampling.wall_s += watch.lap();
         sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
         drawer->draw(set, sums);
@@ -148,14 +162,16 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         goal = std::min(settings.repeats, 2 * goal);
     }
     if (settings.max_error && largest_error(sums) > *settings.max_error)
-        warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for", largest_error(sums),
-             settings.repeats, *settings.max_error);
-    drawing.bytes = drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
+        warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for",
+             largest_error(sums), settings.repeats, *settings.max_error);
+    drawing.bytes =
+        drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
-    for (const StageTime& time : drawer->device_times()) stats.stages.push_back({time.name, 0, 0, "part of the drawing", time.device_s});
+    for (const StageTime& time : drawer->device_times())
+        stats.stages.push_back({time.name, 0, 0, "part of the drawing", time.device_s});
     return sums;
 }
 
@@ -170,9 +186,13 @@ Method particles_method() {
         "opaque particles, ensemble mean (PBSR): implicit, mesh, rectangle, trilinear isosurface; no volumes",
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
-            {"particles.sampler", "\"lines\"", "random lines"},
-            {"particles.lines", "\"exact\"", "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different repeats"},
-            {"particles.count", "\"poisson\"", "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
+            {"particles.sampler", "\"lines\"",
+             "random lines along the edges of boxes and cells; points of triangles"},
+            {"particles.lines", "\"exact\"",
+             "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different "
+             "repeats"},
+            {"particles.count", "\"poisson\"",
+             "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
             {"particles.memory_mib", "1024", "particles held at a time"},
         },
         refusal_of_surface_methods,
@@ -180,14 +200,21 @@ Method particles_method() {
         plan_particles,
         [](const RenderInput& input, RenderStats& stats) {
             const ParticleSettings settings = read_settings(input);
+            if (settings.max_error && settings.sampler.lines == LineMode::fast)
+                warn(
+                    "--max-error takes repeats for independent, which those of particles.lines = \"fast\" "
+                    "are not "
+                    "quite: the error may be larger");
             for (const Object& object : input.scene.objects)
                 if (object.surface.opacity > kMostParticleOpacity)
-                    warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many",
+                    warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely "
+                         "many",
                          object.surface.name, object.surface.opacity);
             EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);
             Image image = mean_image(input.scene, sums, stats);
             if (input.shard)
-                *input.shard = {input.shard->part, all_repeats(input), ParticleFrame(input.scene.camera), std::move(sums)};
+                *input.shard = {input.shard->part, all_repeats(input), ParticleFrame(input.scene.camera),
+                                std::move(sums)};
             return image;
         },
         true,

@@ -386,6 +386,7 @@ double LineSampler::add_pieces(std::uint32_t patch, const Body& body, int depth,
     return whole;
 }
 
+/// Adds a whole cell; returns its virtual pixels.
 double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
                              Weights& weights) {
     const TrilinearCorners cell = object_->geometry->cell(patch);
@@ -552,7 +553,7 @@ void LineSampler::trials_in_block(std::size_t block, Seed seed, std::uint32_t re
     }
 }
 
-// ---- uniform random lines, for surfaces that know no better
+// ---- uniform random lines: parts of cut cells, and the wrong twin that keeps all crossings
 
 namespace {
 

@@ -1,6 +1,6 @@
 // Particles of a surface by random lines (Cauchy-Crofton), for one view.
 //
-// A *trial* picks a piece of the surface, shoots a random line through it, draws one of the K crossings that
+// A *trial* picks a piece of the surface, throws a random line through it, draws one of the K crossings that
 // the line may have and keeps it if it is there: never two of one line, so particles are independent.
 // Whatever the surface and its opacity law, every trial lands on an area element dA with probability
 //     w dA / (s(x)·V),      w = 1 (oblique law) or |cosθ| (constant law),
@@ -9,21 +9,24 @@
 //     α = 1 − (1 − 1/V)^trials.
 // The fewer pixels V, the fewer trials:
 //   catalogue surfaces   lines along the edges of boxes that hold it     K = 1, 2 or 4   edge_lines.hpp
-//   trilinear cells      lines along the edges of the cell               K = 1
-//   flat bodies          uniform points                                  K = 1
-//   anything else        uniform random lines through the piece's body   K = max_crossings;
+//   trilinear cells      lines along the edges of the cell               K = 1           edge_lines.hpp
+//   flat bodies          uniform points                                  K = 1           edge_lines.hpp
+//   parts of cut cells   uniform random lines through the piece's body   K = max_crossings;
 //                        then V = K · Crofton's area / least s, and w is paid in trials
 //
 // *Fast mode* (`lines_in_block`) keeps all crossings of a line and deals them to different repeats of a group
 // of kLineGroup: crossing l to repeat start + l·step mod 16, start uniform, step odd. With Poisson(16·τ·V/K)
-// lines a group every repeat is the process of exact mode: (1) a line gives a repeat at most one point, so the
-// points of one repeat are a thinned and mapped Poisson process of lines, which is Poisson (marking theorem);
-// (2) every crossing comes to a repeat with chance 1/16, so its intensity is 16·τ·(V/K)·(K/V)·w dA/s / 16 =
-// τ w dA/s. Repeats of one group depend on each other, and only by where the crossings of one line lie.
+// lines a group every repeat is the process of exact mode: (1) a line gives a repeat at most one point, so
+// the points of one repeat are a thinned and mapped Poisson process of lines, which is Poisson (marking
+// theorem); (2) every crossing comes to a repeat with chance 1/16, so its intensity is
+// 16·τ·(V/K)·(K/V)·w dA/s / 16 = τ w dA/s. Repeats of one group depend on each other, and only by where the
+// crossings of one line lie.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "core/random.hpp"
@@ -77,8 +80,8 @@ public:
     }
     [[nodiscard]] std::optional<Point> trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
                                                       std::uint32_t index) const;
-    /// Appends the points of trials first … first + count − 1 of `trial_in_block`, in their order and equal to
-    /// the last bit: SIMD.
+    /// Appends the points of trials first … first + count − 1 of `trial_in_block`, in their order and equal
+    /// to the last bit: SIMD.
     void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
                          std::uint32_t count, std::vector<Point>& out) const;
 

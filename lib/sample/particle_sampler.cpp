@@ -16,7 +16,8 @@ namespace {
 }
 
 /// The stream for the numbers of trials of one object in one repeat.
-[[nodiscard]] RandomStream count_stream(const LineSampler& sampler, const SamplerSettings& settings, std::uint32_t repeat) {
+[[nodiscard]] RandomStream count_stream(const LineSampler& sampler, const SamplerSettings& settings,
+                                        std::uint32_t repeat) {
     return {settings.seed, {.object = static_cast<std::uint32_t>(Purpose::particle_count),
                             .repeat = repeat,
                             .index = static_cast<std::uint64_t>(sampler.object_id()) << 24U}};
@@ -32,13 +33,15 @@ namespace {
 
 [[nodiscard]] std::uint32_t poisson_number(double mean, RandomStream& random) {
     const std::uint64_t number = std::poisson_distribution<std::uint64_t>(mean)(random);
-    if (number > 0xffffffffU) throw run_error("more than 2^32 trials in one repeat: lower opacity or resolution");
+    if (number > 0xffffffffU)
+        throw run_error("more than 2^32 trials in one repeat: lower opacity or resolution");
     return static_cast<std::uint32_t>(number);
 }
 
 /// Trials that each block gets by the Poisson law: a Poisson number in every block is one in all.
 [[nodiscard]] double block_mean(const LineSampler& sampler, std::size_t block) {
-    return mean_trials(sampler, TrialLaw::poisson) * sampler.block_virtual_pixels(block) / sampler.virtual_pixels();
+    return mean_trials(sampler, TrialLaw::poisson) * sampler.block_virtual_pixels(block) /
+           sampler.virtual_pixels();
 }
 
 class RepeatBuilder {
@@ -148,19 +151,22 @@ namespace {
 
 /// The lines of one block that a group of repeats shares; repeats that are not built are dropped.
 void add_dealt_lines(const LineSampler& sampler, std::size_t block, const SamplerSettings& settings,
-                     std::uint32_t group, RandomStream& counts, std::span<RepeatBuilder> builders, std::uint32_t first_built) {
+                     std::uint32_t group, RandomStream& counts, std::span<RepeatBuilder> builders,
+                     std::uint32_t first_built) {
     const double mean = kLineGroup * block_mean(sampler, block) / sampler.block_crossings(block);
     std::array<std::vector<LineSampler::Point>, kLineGroup> dealt;
-    sampler.lines_in_block(block, settings.seed, group, poisson_number(mean, counts),
-                           settings.deal_to_one_repeat ? LineSampler::Deal::together : LineSampler::Deal::apart, dealt);
+    sampler.lines_in_block(
+        block, settings.seed, group, poisson_number(mean, counts),
+        settings.deal_to_one_repeat ? LineSampler::Deal::together : LineSampler::Deal::apart, dealt);
     for (std::size_t i = 0; i < builders.size(); ++i) builders[i].add(dealt[(first_built + i) % kLineGroup]);
 }
 
-/// Consecutive repeats together, block by block: a block stays in the near cache for all of them. In fast mode
-/// they belong to one group.
-void build_repeats(std::span<const LineSampler> samplers, const SamplerSettings& settings, std::uint32_t first,
-                   std::span<RepeatBuilder> builders) {
-    const bool blockwise = settings.trials == TrialLaw::poisson && !settings.exact_count && !settings.keep_all_crossings;
+/// Consecutive repeats together, block by block: a block stays in the near cache for all of them. In fast
+/// mode they belong to one group.
+void build_repeats(std::span<const LineSampler> samplers, const SamplerSettings& settings,
+                   std::uint32_t first, std::span<RepeatBuilder> builders) {
+    const bool blockwise =
+        settings.trials == TrialLaw::poisson && !settings.exact_count && !settings.keep_all_crossings;
     const std::uint32_t group = first / kLineGroup;
     for (const LineSampler& sampler : samplers) {
         for (RepeatBuilder& builder : builders) builder.begin(sampler);
@@ -201,7 +207,8 @@ ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSam
                              const SamplerSettings& settings, std::uint32_t first, std::uint32_t count) {
     const bool fast = settings.lines == LineMode::fast;
     if (fast && (settings.trials != TrialLaw::poisson || settings.exact_count))
-        throw input_error("particles.lines = \"fast\", expected \"exact\" where the number of particles is fixed");
+        throw input_error(
+            "particles.lines = \"fast\", expected \"exact\" where the number of particles is fixed");
     ParticleSet set{ParticleFrame(scene.camera), static_cast<std::uint32_t>(samplers.size()),
                     std::vector<RepeatParticles>(count)};
     const twin::Projection projection = set.frame.projection(scene.camera);
@@ -215,7 +222,7 @@ ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSam
             for (std::uint32_t k = from; k < to; ++k)
                 builders.emplace_back(set.frame, settings, settings.same_set_in_all_repeats ? 0 : first + k);
             build_repeats(samplers, settings, first + from, builders);
-            for (std::uint32_t k = to; k-- > from; builders.pop_back()) 
+            for (std::uint32_t k = to; k-- > from; builders.pop_back())
                 set.repeats[k] = builders.back().finish(projection);
         }
     });

@@ -1,7 +1,9 @@
 // STEP 1 of PBSR: L_R independent particle sets for all objects of a scene (fusion is concatenation).
 #pragma once
 
+#include <cstdint>
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "sample/line_sampler.hpp"
@@ -22,8 +24,8 @@ enum class TrialLaw {
 enum class LineMode {
     /// One crossing in K is kept: particles are independent, within a repeat and between repeats.
     exact,
-    /// All crossings, each in another repeat of a group of kLineGroup consecutive ones: a repeat alone is as in
-    /// exact mode, repeats of a group depend on each other (line_sampler.hpp). Needs TrialLaw::poisson.
+    /// All crossings, each in another repeat of a group of kLineGroup consecutive ones: a repeat alone is
+    /// as in exact mode, repeats of a group depend on each other (line_sampler.hpp). Needs TrialLaw::poisson.
     fast,
 };
 
@@ -50,6 +52,7 @@ struct SamplerSettings {
 /// Throws Error(input) where fast mode is asked for without the Poisson law; Error(run) where exact_count
 /// cannot be met because nothing of the object is in view.
 [[nodiscard]] ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
-                                           const SamplerSettings& settings, std::uint32_t first, std::uint32_t count);
+                                           const SamplerSettings& settings, std::uint32_t first,
+                                           std::uint32_t count);
 
 }  // namespace pellucid

@@ -11,7 +11,9 @@ namespace pellucid {
 namespace {
 
 /// Least e with value <= 2^e.
-[[nodiscard]] int ceil_exponent(double value) { return value > 0 ? static_cast<int>(std::ceil(std::log2(value))) : 0; }
+[[nodiscard]] int ceil_exponent(double value) {
+    return value > 0 ? static_cast<int>(std::ceil(std::log2(value))) : 0;
+}
 
 /// Most pixels between the view axis and a border of the image, at least one.
 [[nodiscard]] double half_size(const Camera& camera) {
@@ -25,13 +27,15 @@ namespace {
 ParticleFrame::ParticleFrame(const Camera& camera) : near(camera.near()) {
     const double reach = camera.perspective() ? camera.far() : 1;
     const double half = half_size(camera) * camera.pixel_size() * reach;
-    exponent = ceil_exponent(std::max({camera.far() - camera.near(), half, camera.perspective() ? camera.far() : 0.0}));
+    exponent = ceil_exponent(
+        std::max({camera.far() - camera.near(), half, camera.perspective() ? camera.far() : 0.0}));
     shrink = std::ldexp(1.0, -exponent);
 }
 
 Particle ParticleFrame::pack(const Vec3& view, const Vec3& view_normal) const {
     // Into float's range by a power of two: exact, and without a root or a division.
-    const double largest = std::max({std::abs(view_normal.x), std::abs(view_normal.y), std::abs(view_normal.z)});
+    const double largest =
+        std::max({std::abs(view_normal.x), std::abs(view_normal.y), std::abs(view_normal.z)});
     const auto exponent_bits = std::bit_cast<std::uint64_t>(largest) >> 52U;
     const Vec3 n = std::bit_cast<double>((std::uint64_t{2045} - exponent_bits) << 52U) * view_normal;
     return {static_cast<float>(view.x * shrink), static_cast<float>(view.y * shrink),
@@ -70,24 +74,27 @@ twin::Projection ParticleFrame::projection(const Camera& camera) const {
     } else {
         const int lateral_exponent = ceil_exponent(half) - exponent;  // |x| < 2^this, as stored
         p.lateral_shift = 30 - lateral_exponent;
-        p.focal_fixed = std::llround(std::ldexp(1 / camera.pixel_size(), exponent + lateral_exponent + p.fraction_bits));
+        p.focal_fixed =
+            std::llround(std::ldexp(1 / camera.pixel_size(), exponent + lateral_exponent + p.fraction_bits));
     }
     set_quick(p, camera);
     return p;
 }
 
-/// The float32 side of the projection. Its roundings: two of the focal product, two of w, 2.5 ULP of the division,
-/// two of the sum: below 8 ULP of the largest coordinate, doubled. The fixed point: 29 bits for half of the image.
+/// The roundings of float32: two of the focal product, two of w, 2.5 ULP of the division, two of the sum:
+/// below 8 ULP of the largest coordinate, doubled. The fixed point: 29 bits for half of the image.
 void ParticleFrame::set_quick(twin::Projection& p, const Camera& camera) const {
     const double scaled_near = std::ldexp(near, -exponent);
     p.quick_near = static_cast<float>(scaled_near);
-    p.quick_focal = static_cast<float>(camera.perspective() ? 1 / camera.pixel_size() : std::ldexp(1 / camera.pixel_size(), exponent));
+    p.quick_focal = static_cast<float>(camera.perspective() ? 1 / camera.pixel_size()
+                                                            : std::ldexp(1 / camera.pixel_size(), exponent));
     p.quick_center_x = static_cast<float>(camera.center().x);
     p.quick_center_y = static_cast<float>(camera.center().y);
     const double reach = 2 * half_size(camera);
     p.doubt = static_cast<float>(reach * (0x1p-20 + 0x1p-26) + std::ldexp(2.0, -p.fraction_bits));
     // A near plane that the fixed point cannot hold, or numbers beyond float32: always the integers.
-    const bool near_is_coarse = p.perspective != 0 && (p.near_fixed < (std::int64_t{1} << 60) || !(scaled_near > 1e-30));
+    const bool near_is_coarse =
+        p.perspective != 0 && (p.near_fixed < (std::int64_t{1} << 60) || !(scaled_near > 1e-30));
     if (near_is_coarse || !std::isfinite(p.quick_focal) || !(p.doubt < 0.5F)) p.doubt = 1;
 }
 
@@ -105,15 +112,17 @@ std::uint64_t ParticleSet::bytes() const {
 }
 
 std::uint32_t RepeatParticles::bin_of(std::uint32_t index) const {
-    const auto after = std::upper_bound(runs.begin(), runs.end(), index,
-                                        [](std::uint32_t i, const ParticleRun& run) { return i < run.begin; });
+    const auto after =
+        std::upper_bound(runs.begin(), runs.end(), index,
+                         [](std::uint32_t i, const ParticleRun& run) { return i < run.begin; });
     return std::prev(after)->bin;
 }
 
 namespace {
 
 /// Particles and runs in ascending order of bins, equal ones as they came.
-[[nodiscard]] RepeatParticles in_order(std::span<const Particle> particles, std::span<const std::uint64_t> bin_and_index) {
+[[nodiscard]] RepeatParticles in_order(std::span<const Particle> particles,
+                                       std::span<const std::uint64_t> bin_and_index) {
     RepeatParticles sorted;
     sorted.particles.reserve(particles.size());
     for (const std::uint64_t each : bin_and_index) {
@@ -132,13 +141,15 @@ RepeatParticles sort_by_tile(std::span<const Particle> particles, std::span<cons
     const std::size_t objects = object_ends.size();
     const TileGrid grid(projection.width, projection.height);
     const std::size_t bins = (grid.count() + 1) * objects;
-    if (bins > 0xffffffffU) throw run_error("{} objects over {} tiles of the image are more than 2^32", objects, grid.count());
+    if (bins > 0xffffffffU)
+        throw run_error("{} objects over {} tiles of the image are more than 2^32", objects, grid.count());
     std::vector<std::uint32_t> bin(particles.size());
     std::size_t object = 0;
     for (std::size_t i = 0; i < particles.size(); ++i) {
         while (i >= object_ends[object]) ++object;
         const twin::PixelDepth at = twin::project_quickly(projection, particles[i]);
-        bin[i] = static_cast<std::uint32_t>((at.column < 0 ? grid.count() : grid.tile(at.column, at.row)) * objects + object);
+        bin[i] = static_cast<std::uint32_t>(
+            (at.column < 0 ? grid.count() : grid.tile(at.column, at.row)) * objects + object);
     }
     // Few particles over many bins: sorting them costs less than counting bins.
     if (particles.size() < bins / 4) {

@@ -23,12 +23,14 @@ struct ParticleFrame {
     explicit ParticleFrame(const Camera& camera);
     /// As stored: of a shard.
     ParticleFrame(double near_depth, int exponent_of_scale) : near(near_depth), exponent(exponent_of_scale) {}
+    /// As stored; what lies before the near plane is put on it. `view_normal`: any length but 0.
     [[nodiscard]] Particle pack(const Vec3& view, const Vec3& view_normal) const;
     [[nodiscard]] Vec3 view_position(const Particle& particle) const;
     /// The integers by which every backend projects these particles.
     [[nodiscard]] twin::Projection projection(const Camera& camera) const;
 
 private:
+    /// The float32 side of it.
     void set_quick(twin::Projection& projection, const Camera& camera) const;
 };
 
@@ -41,7 +43,15 @@ struct TileGrid {
           rows(static_cast<std::uint32_t>((height + twin::kTileSide - 1) >> twin::kTileShift)) {}
     [[nodiscard]] std::size_t count() const { return std::size_t{columns} * rows; }
     [[nodiscard]] std::size_t tile(int column, int row) const {
-        return static_cast<std::size_t>(row >> twin::kTileShift) * columns + static_cast<std::size_t>(column >> twin::kTileShift);
+        return static_cast<std::size_t>(row >> twin::kTileShift) * columns +
+               static_cast<std::size_t>(column >> twin::kTileShift);
+    }
+    /// Column and row of pixel `local` (row · side + column) of a tile.
+    [[nodiscard]] std::size_t column_of(std::size_t tile, std::size_t local) const {
+        return (tile % columns << twin::kTileShift) + (local & (twin::kTileSide - 1));
+    }
+    [[nodiscard]] std::size_t row_of(std::size_t tile, std::size_t local) const {
+        return (tile / columns << twin::kTileShift) + (local >> twin::kTileShift);
     }
 };
 
@@ -51,8 +61,8 @@ struct ParticleRun {
     std::uint32_t bin;  // tile · objects + object; a tile past the last holds what rounding put out of view
 };
 
-/// The particles of one repeat, sorted by tile, within a tile by object: a tile's pixels stay in a near cache while
-/// they are drawn.
+/// The particles of one repeat, sorted by tile, within a tile by object: a tile's pixels stay in a near cache
+/// while they are drawn.
 struct RepeatParticles {
     std::vector<Particle> particles;
     std::vector<ParticleRun> runs;  // none is empty
@@ -63,7 +73,8 @@ struct RepeatParticles {
 
 /// Sorts what comes object after object (`object_ends`: past the last of each); order within a run is kept.
 /// Throws Error(run) where objects times tiles exceed 2^32.
-[[nodiscard]] RepeatParticles sort_by_tile(std::span<const Particle> particles, std::span<const std::uint32_t> object_ends,
+[[nodiscard]] RepeatParticles sort_by_tile(std::span<const Particle> particles,
+                                           std::span<const std::uint32_t> object_ends,
                                            const twin::Projection& projection);
 
 struct ParticleSet {

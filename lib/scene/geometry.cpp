@@ -13,7 +13,8 @@ int Body::vertices(std::span<Vec3, 8> out) const {
             return 3;
         case Kind::parallelogram:
             for (std::size_t i = 0; i < 4; ++i)
-                out[i] = corner + ((i & 1U) != 0 ? edge[0] : Vec3(0.0)) + ((i & 2U) != 0 ? edge[1] : Vec3(0.0));
+                out[i] =
+                    corner + ((i & 1U) != 0 ? edge[0] : Vec3(0.0)) + ((i & 2U) != 0 ? edge[1] : Vec3(0.0));
             return 4;
         case Kind::parallelepiped: break;
     }
@@ -34,7 +35,9 @@ bool SurfaceGeometry::excludes(std::size_t, const Body&) const { return false; }
 
 TrilinearCorners SurfaceGeometry::cell(std::size_t) const { return {}; }
 
-Vec3 SurfaceGeometry::shading_normal(std::size_t, const Vec3&, const Vec3& geometric) const { return geometric; }
+Vec3 SurfaceGeometry::shading_normal(std::size_t, const Vec3&, const Vec3& geometric) const {
+    return geometric;
+}
 
 Vec3 SurfaceGeometry::color(const Vec3&) const { return Vec3(0.0); }
 
@@ -48,10 +51,13 @@ bool has_geometry(const Shape& shape) {
 std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface) {
     const auto make = [&]() -> std::unique_ptr<SurfaceGeometry> {
         if (!has_geometry(surface.shape)) throw input_error("shapes of this kind have no geometry yet");
-        if (const auto* shape = std::get_if<ImplicitShape>(&surface.shape)) return make_implicit(surface, *shape);
+        if (const auto* shape = std::get_if<ImplicitShape>(&surface.shape))
+            return make_implicit(surface, *shape);
         if (const auto* shape = std::get_if<MeshShape>(&surface.shape)) return make_mesh(surface, *shape);
-        if (const auto* shape = std::get_if<RectangleShape>(&surface.shape)) return make_rectangle(surface, *shape);
-        if (const auto* shape = std::get_if<IsosurfaceShape>(&surface.shape)) return make_isosurface(surface, *shape);
+        if (const auto* shape = std::get_if<RectangleShape>(&surface.shape))
+            return make_rectangle(surface, *shape);
+        if (const auto* shape = std::get_if<IsosurfaceShape>(&surface.shape))
+            return make_isosurface(surface, *shape);
         return nullptr;  // not reached
     };
     try {

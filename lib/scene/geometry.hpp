@@ -84,7 +84,8 @@ public:
     [[nodiscard]] virtual Body body(std::size_t patch) const = 0;
     [[nodiscard]] virtual int max_crossings() const = 0;
     /// Every crossing of a line with the part of the surface in the patch's body, ascending in t.
-    virtual int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const = 0;
+    virtual int crossings(std::size_t patch, const Line& line,
+                          std::span<Crossing, kMaxCrossings> out) const = 0;
     /// What the surface is where its lines along edges have closed-form crossings; both are empty elsewhere.
     [[nodiscard]] virtual std::optional<ImplicitPatch> implicit() const { return std::nullopt; }
     [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
@@ -93,7 +94,8 @@ public:
     /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.
     [[nodiscard]] virtual bool excludes(std::size_t patch, const Body& part) const;
     /// Normal for shading at a point of the patch, world, not normalised.
-    [[nodiscard]] virtual Vec3 shading_normal(std::size_t patch, const Vec3& point, const Vec3& geometric) const;
+    [[nodiscard]] virtual Vec3 shading_normal(std::size_t patch, const Vec3& point,
+                                              const Vec3& geometric) const;
     [[nodiscard]] virtual Box bounds() const = 0;
     /// Colour that replaces the surface's own, linear: rectangles with an image.
     [[nodiscard]] virtual bool has_color() const { return false; }

@@ -49,8 +49,8 @@ public:
         // as thin as its box does everywhere). Never beyond what the caller asked for.
         const double hair = 1e-9 * (hi - lo) + 1e-12 * std::max(std::abs(lo), std::abs(hi));
         std::array<double, kMaxCatalogueCrossings> t{};
-        const int found =
-            field_.crossings(origin, direction, std::max(line.t_lo, lo - hair), std::min(line.t_hi, hi + hair), t);
+        const int found = field_.crossings(origin, direction, std::max(line.t_lo, lo - hair),
+                                           std::min(line.t_hi, hi + hair), t);
         for (int i = 0; i < found; ++i) {
             const double root = t[static_cast<std::size_t>(i)];
             out[static_cast<std::size_t>(i)] = {root, world_normal(origin + root * direction, direction)};
@@ -101,8 +101,9 @@ std::unique_ptr<SurfaceGeometry> make_implicit(const Surface& surface, const Imp
         // Where the equation goes on for ever the scene's bounds replace the catalogue's, unless a
         // height was asked for; everywhere else they cut.
         const bool replace = !field.bounded() && !shape.parameters.contains("height");
-        bounds = replace ? *surface.bounds
-                         : Box{glm::max(bounds.lo, surface.bounds->lo), glm::min(bounds.hi, surface.bounds->hi)};
+        bounds = replace
+                     ? *surface.bounds
+                     : Box{glm::max(bounds.lo, surface.bounds->lo), glm::min(bounds.hi, surface.bounds->hi)};
     }
     if (!bounds.empty() && field.excludes(bounds)) bounds = {};  // nothing of it is inside
     return std::make_unique<ImplicitGeometry>(std::move(field), bounds, surface.to_world);

@@ -55,7 +55,8 @@ public:
                 {to_world_.linear[0], to_world_.linear[1], to_world_.linear[2]}};
     }
 
-    int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const override {
+    int crossings(std::size_t patch, const Line& line,
+                  std::span<Crossing, kMaxCrossings> out) const override {
         const Vec3 base(origin(patch));
         const Vec3 from = to_index_.point(line.origin) - base;
         const Vec3 direction = to_index_.vector(line.direction);
@@ -166,13 +167,16 @@ private:
         if (lost > 0) warn("isosurface: {} cells with a NaN or infinite voxel are empty", lost);
     }
 
-    [[nodiscard]] std::size_t step(int corner) const { return grid_.index(corner & 1, (corner >> 1) & 1, corner >> 2); }
+    [[nodiscard]] std::size_t step(int corner) const {
+        return grid_.index(corner & 1, (corner >> 1) & 1, corner >> 2);
+    }
 
     [[nodiscard]] glm::ivec3 origin(std::size_t patch) const {
         const auto nx = static_cast<std::uint64_t>(grid_.size[0]);
         const auto ny = static_cast<std::uint64_t>(grid_.size[1]);
         const std::uint64_t first = cells_[patch];
-        return {static_cast<int>(first % nx), static_cast<int>(first / nx % ny), static_cast<int>(first / nx / ny)};
+        return {static_cast<int>(first % nx), static_cast<int>(first / nx % ny),
+                static_cast<int>(first / nx / ny)};
     }
     [[nodiscard]] TrilinearCell values(std::size_t patch) const {
         TrilinearCell cell{};

@@ -46,7 +46,8 @@ public:
     [[nodiscard]] Vec3 color(const Vec3& point) const override {
         const Vec2 place = coordinates(point);
         const double x = std::clamp((0.5 + 0.5 * place.x) * image_.width() - 0.5, 0.0, image_.width() - 1.0);
-        const double y = std::clamp((0.5 - 0.5 * place.y) * image_.height() - 0.5, 0.0, image_.height() - 1.0);
+        const double y =
+            std::clamp((0.5 - 0.5 * place.y) * image_.height() - 0.5, 0.0, image_.height() - 1.0);
         const int column = static_cast<int>(x);
         const int row = static_cast<int>(y);
         const double fx = x - column;
@@ -88,8 +89,8 @@ std::unique_ptr<SurfaceGeometry> make_rectangle(const Surface& surface, const Re
             warn("{}: its opacity is not used, only its colour", shape.image->string());
     }
     const Affine& place = surface.to_world;
-    return std::make_unique<RectangleGeometry>(place.point(shape.center), place.vector(shape.u), place.vector(shape.v),
-                                               std::move(image));
+    return std::make_unique<RectangleGeometry>(place.point(shape.center), place.vector(shape.u),
+                                               place.vector(shape.v), std::move(image));
 }
 
 }  // namespace pellucid

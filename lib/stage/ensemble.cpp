@@ -19,9 +19,11 @@ void EnsembleSums::Pixel::add(const Pixel& other) {
 }
 
 EnsembleSums::EnsembleSums(const Camera& camera, double units_of_one)
-    : EnsembleSums(static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height()), units_of_one) {}
+    : EnsembleSums(static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height()),
+                   units_of_one) {}
 
-EnsembleSums::EnsembleSums(std::size_t pixel_count, double units_of_one) : pixels(pixel_count), units(units_of_one) {}
+EnsembleSums::EnsembleSums(std::size_t pixel_count, double units_of_one)
+    : pixels(pixel_count), units(units_of_one) {}
 
 void EnsembleSums::add(const EnsembleSums& other) {
     parallel_for(pixels.size(), 4096, [&](std::size_t begin, std::size_t end) {
@@ -46,7 +48,9 @@ double color_units_of(double brightest) {
     return std::ldexp(65535.0, -excess);
 }
 
-EnsembleSums make_sums(const PreparedScene& scene) { return {scene.camera, color_units_of(brightest_color(scene))}; }
+EnsembleSums make_sums(const PreparedScene& scene) {
+    return {scene.camera, color_units_of(brightest_color(scene))};
+}
 
 Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums) {
     Image image(camera.width(), camera.height());

@@ -29,9 +29,10 @@ struct EnsembleSums {
     /// Nothing yet, for the camera's image.
     EnsembleSums(const Camera& camera, double units);
     EnsembleSums(std::size_t pixel_count, double units);
+    /// Precondition: as many pixels and the same units.
     void add(const EnsembleSums& other);
-    /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the variance of
-    /// its mean. +inf for a single repeat.
+    /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the
+    /// variance of its mean. +inf for a single repeat.
     [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
 };
 
@@ -41,8 +42,8 @@ inline constexpr std::uint32_t kMostRepeats = 1U << 24U;
 /// Brighter scenes are refused: shading in float32 would overflow.
 inline constexpr double kMostParticleColor = 1e30;
 
-/// Color units of 1.0 for colours up to `brightest`: 65535 up to 16, halved with every doubling beyond. So a colour
-/// is quantised to 1/65535, or to 2^-20 of the brightest one.
+/// Color units of 1.0 for colours up to `brightest`: 65535 up to 16, halved with every doubling beyond. So a
+/// colour is quantised to 1/65535, or to 2^-20 of the brightest one.
 [[nodiscard]] double color_units_of(double brightest);
 
 /// Sums of nothing yet, for a scene's image and its brightest colour.
@@ -50,7 +51,8 @@ inline constexpr double kMostParticleColor = 1e30;
 
 /// R, G, B (associated), A, Z, and variance.R/G/B/A of the pixel's mean: the sample variance over the
 /// repeats divided by their number; +inf for a single repeat, of which nothing can be said.
-[[nodiscard]] Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums);
+[[nodiscard]] Image ensemble_image(const Camera& camera, const ParticleFrame& frame,
+                                   const EnsembleSums& sums);
 
 /// The same without a camera, into `image`, which has as many pixels as the sums.
 void add_ensemble_planes(const ParticleFrame& frame, const EnsembleSums& sums, Image& image);

@@ -1,4 +1,7 @@
-// STEPs 2 and 3 of PBSR on any backend: projection with occlusion, shading of the winners, sums over the repeats.
+// STEPs 2 and 3 of PBSR on any backend: projection with occlusion, shading of the winners, sums over repeats.
+//   plain CPU  cpu/plain_particles.hpp   the specification: one loop after the other
+//   fast CPU   cpu/fast_particles.hpp    what Backend::cpu() draws by
+//   Vulkan     vulkan/particles.hpp
 #pragma once
 
 #include <cstdint>
@@ -10,6 +13,7 @@
 
 namespace pellucid {
 
+/// In place of a pixel: the particle won none.
 inline constexpr std::uint32_t kNoPixel = ~0U;
 
 /// For every particle of a repeat the pixel (row · width + column) that it won, or kNoPixel.
@@ -17,12 +21,12 @@ using Winners = std::vector<std::uint32_t>;
 
 struct StageTime {
     std::string name;
-    double device_s;
+    double device_s;  // seconds by the device's clock
 };
 
 /// Draws particle sets of one scene seen by one camera. Whatever the backend and the number of threads, the
-/// nearest particle wins its pixel; at equal depth the lower of the indices, scrambled, wins: as good as a coin, and
-/// the same everywhere. Sums and winners are equal bit for bit.
+/// nearest particle wins its pixel; at equal depth the lower of the indices, scrambled, wins: as good as a
+/// coin, and the same everywhere. Sums and winners are equal bit for bit.
 class ParticleDrawer {
 public:
     virtual ~ParticleDrawer() = default;

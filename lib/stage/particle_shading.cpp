@@ -13,8 +13,8 @@ namespace {
 }
 
 /// Appends the image's texels and notes where a point of the surface finds its place among them.
-void add_texture(const SurfaceTexture& texture, const Camera& camera, const ParticleFrame& frame, twin::Material& m,
-                 std::vector<twin::Vec3f>& texels) {
+void add_texture(const SurfaceTexture& texture, const Camera& camera, const ParticleFrame& frame,
+                 twin::Material& m, std::vector<twin::Vec3f>& texels) {
     const Image& image = *texture.image;
     m.first_texel = static_cast<int>(texels.size());
     m.texture_width = image.width();
@@ -59,7 +59,8 @@ ParticleShading::ParticleShading(const PreparedScene& scene, const ParticleFrame
     }
 }
 
-twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t object, const Particle& particle) {
+twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t object,
+                                const Particle& particle) {
     const twin::Material& m = shading.materials[object];
     const twin::Vec3f to_viewer = twin::direction_to_viewer(shading.view, particle);
     const twin::Vec3f normal = twin::turned_to(twin::unpack_normal(particle.normal), to_viewer);

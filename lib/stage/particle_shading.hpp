@@ -1,7 +1,7 @@
 // A scene's materials, lights and images as numbers in view space: what every backend shades particles from.
 #pragma once
 
-#include <span>
+#include <cstdint>
 #include <vector>
 
 #include "kernel/particle_twin.h"
@@ -20,7 +20,8 @@ struct ParticleShading {
     ParticleShading(const PreparedScene& scene, const ParticleFrame& frame);
 };
 
-/// Colour of a particle of an object, by kernel/particle_twin.h.
+/// Colour of a particle of an object (its place in the scene), by kernel/particle_twin.h. The fast CPU does
+/// the same in SIMD, and calls this where an object has an image.
 [[nodiscard]] twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t object,
                                               const Particle& particle);
 

@@ -1,4 +1,5 @@
-// The work of a particle set tile by tile: what a core or a workgroup draws while one tile's pixels stay near.
+// The work of a particle set by tiles: what a core or a workgroup draws while one tile's pixels stay near.
+// for_each_span walks one repeat, tile by tile; TileSpans sorts the spans of all repeats by tile.
 #pragma once
 
 #include <cstdint>
@@ -29,12 +30,15 @@ struct TileSpans {
 
 /// First particle of run `run` of the repeat; for run = their number, the number of particles.
 [[nodiscard]] inline std::uint32_t run_begin(const RepeatParticles& repeat, std::uint32_t run) {
-    return run < repeat.runs.size() ? repeat.runs[run].begin : static_cast<std::uint32_t>(repeat.particles.size());
+    return run < repeat.runs.size() ? repeat.runs[run].begin
+                                    : static_cast<std::uint32_t>(repeat.particles.size());
 }
 
-/// take(tile, first run, end run) for every tile in view that the repeat has something in.
+/// take(tile, first run, end run) for every tile in view that the repeat has something in, in ascending
+/// order. `objects`: of the set; `tiles`: of the image.
 template <class Take>
-void for_each_span(const RepeatParticles& repeat, std::uint32_t objects, std::size_t tiles, const Take& take) {
+void for_each_span(const RepeatParticles& repeat, std::uint32_t objects, std::size_t tiles,
+                   const Take& take) {
     const auto runs = static_cast<std::uint32_t>(repeat.runs.size());
     for (std::uint32_t first = 0; first < runs;) {
         const std::uint32_t tile = repeat.runs[first].bin / objects;

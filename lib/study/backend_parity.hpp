@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <functional>
 #include <memory>
 #include <optional>
@@ -59,10 +60,10 @@ struct StageOutput {
 
 /// How far an output is from the specification's. Empty: not a matter of this stage.
 struct ParityDifference {
-    std::uint64_t hits = 0;                          // pixels hit by the specification, over all repeats
+    std::uint64_t hits = 0;  // pixels hit by the specification, over all repeats
     std::optional<double> winners_equal_share = {};  // of all particles that win on either side
-    std::optional<double> largest_mean_units =
-        {};  // of a pixel's mean colour, in color units (1/65535 up to bright scenes)
+    /// Of a pixel's mean colour, in color units: 1/65535 but in bright scenes (color_units_of).
+    std::optional<double> largest_mean_units = {};
     std::optional<double> largest_sum_units = {};
     std::uint64_t different = 0;  // particles that win on one side only or elsewhere; pixels
     /// The larger of each.

@@ -48,12 +48,14 @@ struct Rule {
 }
 
 /// ∫∫ f over [a0, a1] × [b0, b1].
-[[nodiscard]] double integrate(double a0, double a1, double b0, double b1, const std::function<double(double, double)>& f) {
+[[nodiscard]] double integrate(double a0, double a1, double b0, double b1,
+                               const std::function<double(double, double)>& f) {
     static const Rule rule = gauss_rule(64);
     double sum = 0;
     for (std::size_t i = 0; i < rule.node.size(); ++i)
         for (std::size_t j = 0; j < rule.node.size(); ++j)
-            sum += rule.weight[i] * rule.weight[j] * f(a0 + (a1 - a0) * rule.node[i], b0 + (b1 - b0) * rule.node[j]);
+            sum += rule.weight[i] * rule.weight[j] *
+                   f(a0 + (a1 - a0) * rule.node[i], b0 + (b1 - b0) * rule.node[j]);
     return sum * (a1 - a0) * (b1 - b0);
 }
 
@@ -138,9 +140,12 @@ struct FlatPlan {
 [[nodiscard]] int even(double pixels) { return 2 * static_cast<int>(std::ceil(0.5 * pixels)); }
 
 /// Distance at which an image of that many pixels has the field of view of all perspective patches.
-[[nodiscard]] double distance_for(double pixels) { return 0.5 * pixels / std::tan(0.5 * kFovDegrees * kDegree); }
+[[nodiscard]] double distance_for(double pixels) {
+    return 0.5 * pixels / std::tan(0.5 * kFovDegrees * kDegree);
+}
 
-[[nodiscard]] std::optional<Scene> flat_scene(const PatchView& view, double& span, double& whole_rows, double& columns) {
+[[nodiscard]] std::optional<Scene> flat_scene(const PatchView& view, double& span, double& whole_rows,
+                                              double& columns) {
     const double cos_tilt = std::cos(view.tilt_deg * kDegree);
     span = cos_tilt / view.ratio;  // ν
     // With room for rounding: at s/S = 0.5 and 60° the one pixel there is always covered, and its variance of
@@ -155,8 +160,9 @@ struct FlatPlan {
     plan.top = std::floor(0.5 * span / columns);
     plan.slant = 1 / (view.ratio * columns);
     // The tilted patch must stay in front of the camera: at most half of the way to it.
-    const Stage stage{view.projection == Projection::perspective,
-                      std::max(distance_for(std::max(columns, span / columns) + 2), plan.slant * plan.sin_tilt)};
+    const Stage stage{
+        view.projection == Projection::perspective,
+        std::max(distance_for(std::max(columns, span / columns) + 2), plan.slant * plan.sin_tilt)};
     if (stage.perspective)
         plan.slant = solve(1 / view.ratio, 0, 2 * plan.slant, [&](double slant) {
             FlatPlan p = plan;
@@ -188,7 +194,8 @@ struct FlatPlan {
     const double flat_size = sphere ? std::sqrt(1 / (2 * kPi * view.ratio))
                                     : std::sqrt(1 / (2 * kPi * kPi * kMinorOverMajor * view.ratio));
     const double extent = 2 * flat_size * (sphere ? 1 : 1 + kMinorOverMajor);
-    const Stage stage{view.projection == Projection::perspective, std::max(distance_for(extent), 3 * flat_size)};
+    const Stage stage{view.projection == Projection::perspective,
+                      std::max(distance_for(extent), 3 * flat_size)};
     double size = flat_size;
     if (stage.perspective)
         size = solve(1 / view.ratio, 0.25 * flat_size, 1.5 * flat_size,
@@ -196,8 +203,9 @@ struct FlatPlan {
     // Room for what perspective makes larger; odd, so that the axis meets a pixel's centre.
     const int side = even(extent * 1.5 * size / flat_size + 4) + 1;
     Scene scene = empty_scene(stage, side, side);
-    const ImplicitShape shape = sphere ? ImplicitShape{"sphere", {{"radius", size}}}
-                                       : ImplicitShape{"torus", {{"major", size}, {"minor", kMinorOverMajor * size}}};
+    const ImplicitShape shape =
+        sphere ? ImplicitShape{"sphere", {{"radius", size}}}
+               : ImplicitShape{"torus", {{"major", size}, {"minor", kMinorOverMajor * size}}};
     Surface surface = patch_surface(shape);
     surface.clip.push_back({{0, 0, -1}, sphere ? -sphere_floor(size, stage) : 0});
     scene.surfaces.push_back(std::move(surface));
@@ -277,11 +285,13 @@ void find_rings(OpacityPatch& patch, const std::vector<double>& edges) {
                     for (const auto& seen : probe.seen)
                         if (seen.theta >= edges[r] && seen.theta < edges[r + 1]) ring.pixels += seen.weight;
                     if (!probe.whole || probe.lo < edges[r] || probe.hi >= edges[r + 1]) continue;
-                    ring.members.push_back(static_cast<std::uint32_t>(row) * static_cast<std::uint32_t>(width) +
+                    ring.members.push_back(static_cast<std::uint32_t>(row) *
+                                               static_cast<std::uint32_t>(width) +
                                            static_cast<std::uint32_t>(column));
                     ring.landing.push_back(probe.coverage * patch.view.ratio);
                     // Kept for now as the range that is met.
-                    ring.theta_lo_deg = ring.members.size() == 1 ? probe.lo : std::min(ring.theta_lo_deg, probe.lo);
+                    ring.theta_lo_deg =
+                        ring.members.size() == 1 ? probe.lo : std::min(ring.theta_lo_deg, probe.lo);
                     ring.theta_hi_deg = std::max(ring.theta_hi_deg, probe.hi);
                 }
             }
@@ -309,13 +319,15 @@ void find_rings(OpacityPatch& patch, const std::vector<double>& edges) {
 }
 
 /// An orthographic flat patch needs no search: whole rows and columns, one landing chance.
-[[nodiscard]] Ring flat_ring(const PatchView& view, const Scene& scene, double span, double rows, double columns) {
+[[nodiscard]] Ring flat_ring(const PatchView& view, const Scene& scene, double span, double rows,
+                             double columns) {
     Ring ring{.theta_lo_deg = view.tilt_deg, .theta_hi_deg = view.tilt_deg, .pixels = span, .equal = true};
     const int first_column = scene.image.width / 2 - static_cast<int>(std::floor(0.5 * columns));
     const int first_row = scene.image.height / 2 - static_cast<int>(std::floor(0.5 * span / columns));
     for (int row = 0; row < static_cast<int>(rows); ++row)
         for (int column = 0; column < static_cast<int>(columns); ++column)
-            ring.members.push_back(static_cast<std::uint32_t>((first_row + row) * scene.image.width + first_column + column));
+            ring.members.push_back(
+                static_cast<std::uint32_t>((first_row + row) * scene.image.width + first_column + column));
     ring.landing.assign(ring.members.size(), 1 / span);
     ring.classes = pixel_classes(ring.landing);
     return ring;
@@ -326,12 +338,15 @@ class PatchCount {
 public:
     explicit PatchCount(const OpacityPatch& patch)
         : patch_(&patch),
-          ring_of_(static_cast<std::size_t>(patch.scene.image.width) * static_cast<std::size_t>(patch.scene.image.height), kNoRing),
+          ring_of_(static_cast<std::size_t>(patch.scene.image.width) *
+                       static_cast<std::size_t>(patch.scene.image.height),
+                   kNoRing),
           times_covered_(ring_of_.size(), 0),
           covered_(patch.rings.size()),
           draws_(patch.rings.size()) {
         for (std::size_t r = 0; r < patch.rings.size(); ++r)
-            for (const std::uint32_t pixel : patch.rings[r].members) ring_of_[pixel] = static_cast<std::uint8_t>(r);
+            for (const std::uint32_t pixel : patch.rings[r].members)
+                ring_of_[pixel] = static_cast<std::uint8_t>(r);
     }
 
     /// Adds one repeat. No two winners share a pixel; those of the twin may.
@@ -390,7 +405,8 @@ private:
 
 }  // namespace
 
-std::optional<OpacityPatch> make_opacity_patch(const PatchView& view, const std::vector<double>& ring_edges_deg) {
+std::optional<OpacityPatch> make_opacity_patch(const PatchView& view,
+                                               const std::vector<double>& ring_edges_deg) {
     OpacityPatch patch{.view = view, .scene = {}, .rings = {}};
     if (view.shape != PatchShape::flat) {
         auto scene = curved_scene(view);
@@ -419,8 +435,10 @@ CoveredShare ring_theory(const Ring& ring, double count) {
     return covered_share(count, ring.classes);
 }
 
-std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene, const LineSampler& sampler,
-                                  std::span<const std::unique_ptr<ParticleDrawer>> drawers, const PatchThrow& thrown) {
+std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene,
+                                  const LineSampler& sampler,
+                                  std::span<const std::unique_ptr<ParticleDrawer>> drawers,
+                                  const PatchThrow& thrown) {
     std::vector<PatchDraw> draws(drawers.size());
     std::vector<PatchCount> counts(drawers.size(), PatchCount(patch));
     const SamplerSettings settings{.seed = thrown.seed, .exact_count = thrown.count,
@@ -429,7 +447,8 @@ std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene
     const auto batch = static_cast<std::uint32_t>(
         std::clamp<std::uint64_t>(8'000'000 / std::max<std::uint64_t>(thrown.count, 1), 1, thrown.repeats));
     for (std::uint32_t first = 0; first < thrown.repeats; first += batch) {
-        const ParticleSet set = sample_particles(scene, {&sampler, 1}, settings, first, std::min(batch, thrown.repeats - first));
+        const ParticleSet set =
+            sample_particles(scene, {&sampler, 1}, settings, first, std::min(batch, thrown.repeats - first));
         std::vector<Winners> of_first;
         for (std::size_t d = 0; d < drawers.size(); ++d) {
             std::vector<Winners> winners = drawers[d]->winners(set);
@@ -444,15 +463,18 @@ std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene
 }
 
 double ring_z_score(const Ring& ring, const RingDraw& draw, double count, double repeats, Seed seed) {
-    const double uniform = unit_interval(random_bits(seed, {.object = static_cast<std::uint32_t>(Purpose::p_value)})[0]);
+    const double uniform =
+        unit_interval(random_bits(seed, {.object = static_cast<std::uint32_t>(Purpose::p_value)})[0]);
     const auto total = static_cast<double>(draw.covered);
     if (ring.equal)
-        return covered_z_score(total, repeats, PatchPixels{count, static_cast<double>(ring.members.size()), ring.pixels},
+        return covered_z_score(total, repeats,
+                               PatchPixels{count, static_cast<double>(ring.members.size()), ring.pixels},
                                uniform);
     return covered_z_score(total, repeats, count, ring.classes, uniform);
 }
 
-OpacityPoint fit_point(const OpacityPatch& patch, const Ring& ring, const RingDraw& draw, double count, double repeats) {
+OpacityPoint fit_point(const OpacityPatch& patch, const Ring& ring, const RingDraw& draw, double count,
+                       double repeats) {
     const double ratio = patch.view.ratio;
     OpacityPoint point{.count = count, .ratio = ratio, .alpha_drawn = draw.alpha(),
                        .alpha_variance = ring_theory(ring, count).variance / repeats};

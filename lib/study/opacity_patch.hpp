@@ -88,17 +88,18 @@ struct PatchDraw {
     bool as_first = true;        // every particle won the same pixel as on the first drawer, or none on both
 };
 
-/// Throws the particles once and draws them by each of the drawers, which are those of `scene`; one result each.
+/// Throws the particles once and draws them by each of the drawers (those of `scene`); one result each.
 [[nodiscard]] std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene& scene,
                                                 const LineSampler& sampler,
                                                 std::span<const std::unique_ptr<ParticleDrawer>> drawers,
                                                 const PatchThrow& thrown);
 
 /// The drawn total as a standard normal under the theory.
-[[nodiscard]] double ring_z_score(const Ring& ring, const RingDraw& draw, double count, double repeats, Seed seed);
+[[nodiscard]] double ring_z_score(const Ring& ring, const RingDraw& draw, double count, double repeats,
+                                  Seed seed);
 
 /// The ring as a point for the fits: classes become parts of one cosine each.
-[[nodiscard]] OpacityPoint fit_point(const OpacityPatch& patch, const Ring& ring, const RingDraw& draw, double count,
-                                     double repeats);
+[[nodiscard]] OpacityPoint fit_point(const OpacityPatch& patch, const Ring& ring, const RingDraw& draw,
+                                     double count, double repeats);
 
 }  // namespace pellucid

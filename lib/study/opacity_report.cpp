@@ -44,9 +44,10 @@ OpacityReport::OpacityReport(Experiment& experiment, double family_level, std::v
     : experiment_(&experiment),
       family_level_(family_level),
       backends_(std::move(backends)),
-      csv_(&experiment.csv("opacity", {"backend", "shape", "projection", "ratio", "count", "tilt_deg", "theta_lo_deg",
-                                       "theta_hi_deg", "repeats", "pixels", "pixels_measured", "alpha_drawn",
-                                       "alpha_theory", "variance_drawn", "variance_theory", "z_score"})),
+      csv_(&experiment.csv(
+          "opacity", {"backend", "shape", "projection", "ratio", "count", "tilt_deg", "theta_lo_deg",
+                      "theta_hi_deg", "repeats", "pixels", "pixels_measured", "alpha_drawn", "alpha_theory",
+                      "variance_drawn", "variance_theory", "z_score"})),
       twins_csv_(&experiment.csv("twins", {"twin", "alpha_drawn", "alpha_theory", "z_score", "z_critical",
                                            "z_score_without_fault", "rejected"})) {}
 
@@ -60,13 +61,15 @@ std::vector<std::unique_ptr<ParticleDrawer>> OpacityReport::make_drawers(const P
     return drawers;
 }
 
-void OpacityReport::add(const OpacityRow& row, const OpacityPatch& patch, const PreparedScene& scene, const LineSampler& sampler,
-                        std::span<const std::unique_ptr<ParticleDrawer>> drawers, bool measurable) {
+void OpacityReport::add(const OpacityRow& row, const OpacityPatch& patch, const PreparedScene& scene,
+                        const LineSampler& sampler, std::span<const std::unique_ptr<ParticleDrawer>> drawers,
+                        bool measurable) {
     std::vector<PatchDraw> draws;
     if (measurable) {
         const auto stage = experiment_->stage("particles");
-        draws = draw_patch(patch, scene, sampler, drawers,
-                           {static_cast<std::uint64_t>(row.count), static_cast<std::uint32_t>(row.repeats), row.seed});
+        draws = draw_patch(
+            patch, scene, sampler, drawers,
+            {static_cast<std::uint64_t>(row.count), static_cast<std::uint32_t>(row.repeats), row.seed});
         for (const PatchDraw& draw : draws) rows_different_ += draw.as_first ? 0U : 1U;
     }
     const auto stage = experiment_->stage("theory");
@@ -82,8 +85,8 @@ void OpacityReport::add(const OpacityRow& row, const OpacityPatch& patch, const 
             const RingDraw& draw = draws[b].rings[r];
             const double z = first_z && draw.covered == draws[0].rings[r].covered
                                  ? *first_z
-                                 : ring_z_score(ring, draw, static_cast<double>(row.count), static_cast<double>(row.repeats),
-                                                derived_seed(row.seed, r));
+                                 : ring_z_score(ring, draw, static_cast<double>(row.count),
+                                                static_cast<double>(row.repeats), derived_seed(row.seed, r));
             write_row(row, backends_[b], &ring, &draw, z);
             if (!first_z) keep(row, patch, ring, draw, z);
             if (!first_z) first_z = z;
@@ -92,7 +95,8 @@ void OpacityReport::add(const OpacityRow& row, const OpacityPatch& patch, const 
 }
 
 /// Keeps what the fits and the tests of all rows together need.
-void OpacityReport::keep(const OpacityRow& row, const OpacityPatch& patch, const Ring& ring, const RingDraw& draw, double z) {
+void OpacityReport::keep(const OpacityRow& row, const OpacityPatch& patch, const Ring& ring,
+                         const RingDraw& draw, double z) {
     const auto count = static_cast<double>(row.count);
     const auto repeats = static_cast<double>(row.repeats);
     z_scores_.push_back(z);
@@ -107,21 +111,26 @@ void OpacityReport::keep(const OpacityRow& row, const OpacityPatch& patch, const
     error.pixels += draw.informative;
 }
 
-void OpacityReport::write_row(const OpacityRow& row, const Backend& backend, const Ring* ring, const RingDraw* draw,
-                              std::optional<double> z) {
+void OpacityReport::write_row(const OpacityRow& row, const Backend& backend, const Ring* ring,
+                              const RingDraw* draw, std::optional<double> z) {
     using Cell = std::optional<double>;
     const bool flat = row.view.shape == PatchShape::flat;
     const bool any = ring != nullptr && !ring->members.empty();
-    const auto theory = any ? std::optional(ring_theory(*ring, static_cast<double>(row.count))) : std::nullopt;
-    csv_->row(backend.name(), name_of(row.view.shape), row.view.projection == Projection::perspective ? "perspective" : "orthographic",
-              row.view.ratio, row.count, flat ? Cell(row.view.tilt_deg) : Cell(), ring ? Cell(ring->theta_lo_deg) : Cell(),
+    const auto theory =
+        any ? std::optional(ring_theory(*ring, static_cast<double>(row.count))) : std::nullopt;
+    csv_->row(backend.name(), name_of(row.view.shape),
+              row.view.projection == Projection::perspective ? "perspective" : "orthographic", row.view.ratio,
+              row.count, flat ? Cell(row.view.tilt_deg) : Cell(), ring ? Cell(ring->theta_lo_deg) : Cell(),
               ring ? Cell(ring->theta_hi_deg) : Cell(), row.repeats, ring ? Cell(ring->pixels) : Cell(),
-              ring ? ring->members.size() : 0, draw ? Cell(draw->alpha()) : Cell(), theory ? Cell(theory->mean) : Cell(),
-              draw && row.repeats > 1 ? Cell(draw->share.variance()) : Cell(), theory ? Cell(theory->variance) : Cell(), z);
+              ring ? ring->members.size() : 0, draw ? Cell(draw->alpha()) : Cell(),
+              theory ? Cell(theory->mean) : Cell(),
+              draw && row.repeats > 1 ? Cell(draw->share.variance()) : Cell(),
+              theory ? Cell(theory->variance) : Cell(), z);
 }
 
 void OpacityReport::finish(const std::vector<double>& ring_edges_deg) {
-    const double critical = sidak_critical_value(family_level_, static_cast<double>(std::max<std::size_t>(z_scores_.size(), 1)));
+    const double critical =
+        sidak_critical_value(family_level_, static_cast<double>(std::max<std::size_t>(z_scores_.size(), 1)));
     double worst = 0;
     std::vector<double> uniform;
     for (const double z : z_scores_) {
@@ -130,9 +139,11 @@ void OpacityReport::finish(const std::vector<double>& ring_edges_deg) {
     }
     experiment_->check(fmt::format("largest |z| of {} opacities", z_scores_.size()), worst, "<=", critical);
     if (const auto ks = ks_uniformity(uniform))
-        experiment_->check("z-scores are standard normal: p of Kolmogorov-Smirnov", ks->p_value, ">=", family_level_);
+        experiment_->check("z-scores are standard normal: p of Kolmogorov-Smirnov", ks->p_value,
+                           ">=", family_level_);
     if (backends_.size() > 1)
-        experiment_->check("covered pixels equal on every backend: rows that differ", static_cast<double>(rows_different_), "==", 0);
+        experiment_->check("covered pixels equal on every backend: rows that differ",
+                           static_cast<double>(rows_different_), "==", 0);
     check_fits();
     check_slope();
     check_twins(ring_edges_deg);
@@ -142,7 +153,8 @@ void OpacityReport::finish(const std::vector<double>& ring_edges_deg) {
 void OpacityReport::check_fits() {
     const auto stage = experiment_->stage("fits");
     const double level = 1 - sidak_level(family_level_, kIntervals);
-    ordered_json json{{"interval_level", level}, {"z_critical", sidak_critical_value(family_level_, kIntervals)}};
+    ordered_json json{{"interval_level", level},
+                      {"z_critical", sidak_critical_value(family_level_, kIntervals)}};
     const std::pair<const char*, OpacityModel> models[] = {{"effective_area", OpacityModel::effective_area},
                                                            {"tilt_exponent", OpacityModel::tilt_exponent},
                                                            {"both", OpacityModel::both}};
@@ -153,33 +165,39 @@ void OpacityReport::check_fits() {
         if (!fit.converged) continue;
         for (const FitParameter& p : fit.parameters) {
             const double off = std::abs(p.value - 1) / p.standard_error;
-            experiment_->check(fmt::format("fit {}: {} = {:.6f} +- {:.6f}, its interval holds 1", name, p.name, p.value, p.standard_error),
+            experiment_->check(fmt::format("fit {}: {} = {:.6f} +- {:.6f}, its interval holds 1", name,
+                                           p.name, p.value, p.standard_error),
                                off, "<=", sidak_critical_value(family_level_, kIntervals));
             // What the fit would have seen with probability one half.
             if (model != OpacityModel::both)
-                json[name]["smallest_bias_seen"] = sidak_critical_value(family_level_, kIntervals) * p.standard_error;
+                json[name]["smallest_bias_seen"] =
+                    sidak_critical_value(family_level_, kIntervals) * p.standard_error;
         }
     }
     if (const auto laws = compare_count_laws(points_, level)) {
         json["binomial_against_poisson"] = {
-            {"binomial", {{"chi2", laws->binomial.chi2_theory}, {"free_area", to_json(laws->binomial.free_area)}}},
-            {"poisson", {{"chi2", laws->poisson.chi2_theory}, {"free_area", to_json(laws->poisson.free_area)}}},
+            {"binomial",
+             {{"chi2", laws->binomial.chi2_theory}, {"free_area", to_json(laws->binomial.free_area)}}},
+            {"poisson",
+             {{"chi2", laws->poisson.chi2_theory}, {"free_area", to_json(laws->poisson.free_area)}}},
             {"delta_chi2", laws->delta_chi2_theory},
             {"akaike_weight_binomial", laws->akaike_weight_binomial},
             {"log10_bayes_factor", laws->log10_bayes_factor},
             {"log10_bayes_factor_free_area", laws->log10_bayes_factor_free}};
         json["binomial_against_poisson"]["expected_delta_chi2"] = laws->expected_delta_chi2;
-        // "Decisive" by Jeffreys' scale is 2, Δχ² = 9.2. Under the fixed number Δχ² ~ N(Δ, 4Δ) with Δ known from
-        // theory: only from here on a right drawing misses it with a probability below 0.001.
+        // "Decisive" by Jeffreys' scale is 2, Δχ² = 9.2. Under the fixed number Δχ² ~ N(Δ, 4Δ) with Δ known
+        // from theory: only from here on a right drawing misses it with a probability below 0.001.
         constexpr double kTellingChi2 = 56;
         if (laws->expected_delta_chi2 >= kTellingChi2)
-            experiment_->check("binomial against Poisson: log10 of the Bayes factor", laws->log10_bayes_factor, ">=", 2);
+            experiment_->check("binomial against Poisson: log10 of the Bayes factor",
+                               laws->log10_bayes_factor, ">=", 2);
     }
     fits_json_ = json.dump(2) + "\n";
 }
 
 void OpacityReport::check_slope() {
-    CsvWriter& csv = experiment_->csv("repeats", {"repeats", "pixels", "error", "error_standard_error", "error_theory"});
+    CsvWriter& csv =
+        experiment_->csv("repeats", {"repeats", "pixels", "error", "error_standard_error", "error_theory"});
     std::vector<ErrorPoint> points;
     for (const auto& [repeats, e] : errors_) {
         if (e.pixels < kLeastPixels) continue;  // their mean square is no Gaussian
@@ -196,8 +214,10 @@ void OpacityReport::check_slope() {
     fits_json_ = json.dump(2) + "\n";
     if (!fit.converged || points.size() < 2) return;
     const FitParameter& slope = fit.parameters[0];
-    experiment_->check(fmt::format("error over repeats: slope = {:.5f} +- {:.5f}, its interval holds -1/2", slope.value, slope.standard_error),
-                       std::abs(slope.value + 0.5) / slope.standard_error, "<=", sidak_critical_value(family_level_, kIntervals));
+    experiment_->check(fmt::format("error over repeats: slope = {:.5f} +- {:.5f}, its interval holds -1/2",
+                                   slope.value, slope.standard_error),
+                       std::abs(slope.value + 0.5) / slope.standard_error,
+                       "<=", sidak_critical_value(family_level_, kIntervals));
 }
 
 void OpacityReport::check_twins(const std::vector<double>& edges) {
@@ -208,7 +228,8 @@ void OpacityReport::check_twins(const std::vector<double>& edges) {
     draw_close_sheets();
 }
 
-void OpacityReport::draw_twin(const std::string& name, const PatchView& view, DrawTwin twin, const std::vector<double>& edges) {
+void OpacityReport::draw_twin(const std::string& name, const PatchView& view, DrawTwin twin,
+                              const std::vector<double>& edges) {
     constexpr std::uint64_t kCount = 6931;  // α = ½ at s/S = 1e-4
     constexpr std::uint32_t kRepeats = 100;
     const auto patch = make_opacity_patch(view, edges);
@@ -261,7 +282,9 @@ void OpacityReport::draw_close_sheets() {
     double z[2];
     double drawn[2];
     for (const bool fault : {false, true}) {
-        const SamplerSettings settings{.seed = derived_seed(experiment_->seed(), 0x2000000), .exact_count = {}, .keep_all_crossings = fault};
+        const SamplerSettings settings{.seed = derived_seed(experiment_->seed(), 0x2000000),
+                                       .exact_count = {},
+                                       .keep_all_crossings = fault};
         const ParticleSet set = sample_particles(prepared, samplers, settings, 0, kRepeats);
         EnsembleSums sums = make_sums(prepared);
         backends_[0].make_particle_drawer(prepared)->draw(set, sums);
@@ -279,11 +302,13 @@ void OpacityReport::draw_close_sheets() {
     note_twin("all crossings of a line in one repeat, two close sheets", drawn[1], theory, z[1], z[0]);
 }
 
-void OpacityReport::note_twin(const std::string& name, double drawn, double theory, double z, double z_of_right_one) {
+void OpacityReport::note_twin(const std::string& name, double drawn, double theory, double z,
+                              double z_of_right_one) {
     const double critical = sidak_critical_value(family_level_, 30);
     twins_csv_->row(name, drawn, theory, z, critical, z_of_right_one, std::abs(z) > critical);
     experiment_->check("wrong twin is rejected, |z|: " + name, std::abs(z), ">", critical);
-    experiment_->check("the same without the fault is not, |z|: " + name, std::abs(z_of_right_one), "<=", critical);
+    experiment_->check("the same without the fault is not, |z|: " + name, std::abs(z_of_right_one),
+                       "<=", critical);
 }
 
 }  // namespace pellucid

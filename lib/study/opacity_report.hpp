@@ -3,7 +3,10 @@
 
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
+#include <string>
+#include <vector>
 
 #include "harness/experiment.hpp"
 #include "render/backend.hpp"
@@ -20,8 +23,9 @@ struct OpacityRow {
 
 class OpacityReport {
 public:
-    /// `family_level`: of all z-scores together, and of all intervals together. Rows are drawn on every backend;
-    /// they are the same particles, so the first one's enter the statistics and the others' must equal them.
+    /// `family_level`: of all z-scores together, and of all intervals together. Rows are drawn on every
+    /// backend; they are the same particles, so the first one's enter the statistics and the others' must
+    /// equal them.
     OpacityReport(Experiment& experiment, double family_level, std::vector<Backend> backends);
 
     /// A row without a theory (s >= S cosθ): its cells stay empty.
@@ -29,8 +33,9 @@ public:
     /// One a backend, for the rows of one patch.
     [[nodiscard]] std::vector<std::unique_ptr<ParticleDrawer>> make_drawers(const PreparedScene& scene) const;
     /// Draws a row if `measurable`, tests it against the theory and keeps it for the fits.
-    void add(const OpacityRow& row, const OpacityPatch& patch, const PreparedScene& scene, const LineSampler& sampler,
-             std::span<const std::unique_ptr<ParticleDrawer>> drawers, bool measurable);
+    void add(const OpacityRow& row, const OpacityPatch& patch, const PreparedScene& scene,
+             const LineSampler& sampler, std::span<const std::unique_ptr<ParticleDrawer>> drawers,
+             bool measurable);
     /// Fits, wrong twins, checks; writes fit.json, repeats.csv, twins.csv.
     void finish(const std::vector<double>& ring_edges_deg);
 
@@ -39,12 +44,15 @@ private:
         double squares = 0, variance = 0;
         std::size_t pixels = 0;
     };
-    void write_row(const OpacityRow& row, const Backend& backend, const Ring* ring, const RingDraw* draw, std::optional<double> z);
-    void keep(const OpacityRow& row, const OpacityPatch& patch, const Ring& ring, const RingDraw& draw, double z);
+    void write_row(const OpacityRow& row, const Backend& backend, const Ring* ring, const RingDraw* draw,
+                   std::optional<double> z);
+    void keep(const OpacityRow& row, const OpacityPatch& patch, const Ring& ring, const RingDraw& draw,
+              double z);
     void check_fits();
     void check_slope();
     void check_twins(const std::vector<double>& ring_edges_deg);
-    void draw_twin(const std::string& name, const PatchView& view, DrawTwin twin, const std::vector<double>& edges);
+    void draw_twin(const std::string& name, const PatchView& view, DrawTwin twin,
+                   const std::vector<double>& edges);
     void draw_close_sheets();
     void note_twin(const std::string& name, double drawn, double theory, double z, double z_of_right_one);
 

@@ -20,8 +20,10 @@ constexpr std::uint32_t kMeanWords[] = {
 #include "shaders/particle_mean.comp.inc"
 };
 
-static_assert(sizeof(twin::PixelSums) == 56 && sizeof(twin::PackedSums) == 40 && sizeof(twin::DrawSpan) == 20 && sizeof(twin::Particle) == 16);
-static_assert(sizeof(twin::Material) == 80 && sizeof(twin::ViewLight) == 20 && sizeof(twin::Projection) == 80);
+static_assert(sizeof(twin::PixelSums) == 56 && sizeof(twin::PackedSums) == 40 &&
+              sizeof(twin::DrawSpan) == 20 && sizeof(twin::Particle) == 16);
+static_assert(sizeof(twin::Material) == 80 && sizeof(twin::ViewLight) == 20 &&
+              sizeof(twin::Projection) == 80);
 static_assert(offsetof(twin::DrawSetup, view) == 80 && offsetof(twin::DrawSetup, tile_columns) == 96 &&
               offsetof(twin::DrawSetup, particles) == 104);
 
@@ -31,8 +33,9 @@ struct Push {
     std::uint32_t first = 0;  // item
 };
 
-/// Vulkan in software leaves every loop, and silently, once an invocation went round its loops 65535 times all told
-/// (Mesa, gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). Items are cut so that they stay below; a GPU knows no such number.
+/// Vulkan in software leaves every loop, and silently, once an invocation went round its loops 65535 times
+/// all told (Mesa, gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). Items are cut so that they stay below; a GPU knows
+/// no such number.
 constexpr std::uint64_t kMostIterations = 60000;
 
 /// Workgroups that keep a device busy: tiles are cut by repeats where there are fewer of them.
@@ -94,19 +97,22 @@ struct Chunk {
     std::uint32_t particles = 0;
     std::uint32_t repeats = 0;  // that have a span here
 
-    void add(const ParticleSet& set, std::uint32_t repeat_index, std::uint32_t tile, std::uint32_t first_run, std::uint32_t end_run) {
+    void add(const ParticleSet& set, std::uint32_t repeat_index, std::uint32_t tile, std::uint32_t first_run,
+             std::uint32_t end_run) {
         const RepeatParticles& repeat = set.repeats[repeat_index];
         const std::uint32_t begin = run_begin(repeat, first_run);
         const std::uint32_t count = run_begin(repeat, end_run) - begin;
         if (pieces.empty() || pieces.back().repeat != repeat_index) ++repeats;
-        if (!pieces.empty() && pieces.back().repeat == repeat_index && pieces.back().begin + pieces.back().count == begin) {
+        if (!pieces.empty() && pieces.back().repeat == repeat_index &&
+            pieces.back().begin + pieces.back().count == begin) {
             pieces.back().count += count;
         } else {
             pieces.push_back({repeat_index, begin, count, particles});
         }
         const auto first = static_cast<std::uint32_t>(runs.size());
         for (std::uint32_t run = first_run; run < end_run; ++run)
-            runs.push_back({particles + run_begin(repeat, run) - begin, particles + run_begin(repeat, run + 1) - begin,
+            runs.push_back({particles + run_begin(repeat, run) - begin,
+                            particles + run_begin(repeat, run + 1) - begin,
                             repeat.runs[run].bin % set.objects});
         spans.push_back({particles, count, begin, first, static_cast<std::uint32_t>(runs.size())});
         tile_of_span.push_back(tile);
@@ -128,20 +134,23 @@ public:
         setup_.projection = frame.projection(camera_);
         setup_.view = shading.view;
         const auto kernel = [&](std::uint32_t size, bool shaded) {
-            const std::array<std::uint32_t, 5> constants{size, shaded ? 1U : 0U, shading.texels.empty() ? 0U : 1U,
-                                                         static_cast<std::uint32_t>(shading.view.light_count),
-                                                         setup_.projection.doubt < 1 ? 0U : 1U};
+            const std::array<std::uint32_t, 5> constants{
+                size, shaded ? 1U : 0U, shading.texels.empty() ? 0U : 1U,
+                static_cast<std::uint32_t>(shading.view.light_count), setup_.projection.doubt < 1 ? 0U : 1U};
             return Kernel(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = constants});
         };
-        for (const std::uint32_t size : {group_size_, std::min(twin::kMostGroup, device.info().max_workgroup_size)})
-            if (kernels_.empty() || size > kernels_.back().size) kernels_.push_back({size, kernel(size, true), kernel(size, false)});
+        for (const std::uint32_t size :
+             {group_size_, std::min(twin::kMostGroup, device.info().max_workgroup_size)})
+            if (kernels_.empty() || size > kernels_.back().size)
+                kernels_.push_back({size, kernel(size, true), kernel(size, false)});
         const std::size_t enough = device.info().is_gpu ? kEnoughGroups : kEnoughGroupsInSoftware;
         const std::size_t parts = std::max<std::size_t>(1, enough / grid_.count());
         slots_ = grid_.count() * parts;
         const DeviceInfo& info = device.info();
-        chunk_bytes_ = settings.particle_bytes > 0
-                           ? settings.particle_bytes
-                           : std::min({info.heap_bytes / kHeapShare, info.largest_allocation / 2, kMostChunkBytes});
+        chunk_bytes_ =
+            settings.particle_bytes > 0
+                ? settings.particle_bytes
+                : std::min({info.heap_bytes / kHeapShare, info.largest_allocation / 2, kMostChunkBytes});
 
         materials_ = filled(bytes_of(shading.materials));
         lights_ = filled(bytes_of(shading.lights));
@@ -171,7 +180,8 @@ public:
             run(true, set, chunk, "project and resolve");
             const auto padded = static_cast<std::uint32_t>(grid_.count() * twin::kTilePixels);
             commands_.begin_stage("average");
-            commands_.dispatch(mean_, Push{setup_buffer_.address(), padded}, device_.groups_for(padded, group_size_));
+            commands_.dispatch(mean_, Push{setup_buffer_.address(), padded},
+                               device_.groups_for(padded, group_size_));
             commands_.end_stage();
             note(commands_.submit_and_wait());
         });
@@ -204,20 +214,25 @@ public:
                     for (std::uint32_t i = 0; i < chunk.spans[s].count; ++i) {
                         const std::uint32_t won = local[chunk.spans[s].first + i];
                         if (won != twin::kNoTilePixel)
-                            all[piece.repeat][chunk.spans[s].index + i] = pixel_of(chunk.tile_of_span[s], won);
+                            all[piece.repeat][chunk.spans[s].index + i] =
+                                pixel_of(chunk.tile_of_span[s], won);
                     }
         });
         return all;
     }
 
     [[nodiscard]] std::vector<pellucid::StageTime> device_times() const override { return times_; }
-    [[nodiscard]] std::int64_t bytes() const override { return static_cast<std::int64_t>(device_.peak_bytes()); }
+    [[nodiscard]] std::int64_t bytes() const override {
+        return static_cast<std::int64_t>(device_.peak_bytes());
+    }
 
 private:
     /// Whole subgroups: lavapipe 22.3 lets the idle invocations of a broken one write.
     [[nodiscard]] static std::uint32_t group_size(const Device& device, const DrawerSettings& settings) {
         const DeviceInfo& info = device.info();
-        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size : info.is_gpu ? 256 : 1;
+        const std::uint32_t wished = settings.workgroup_size > 0 ? settings.workgroup_size
+                                     : info.is_gpu               ? 256
+                                                                 : 1;
         const std::uint32_t subgroup = std::max(1U, info.subgroup_size);
         const std::uint32_t most = std::min(twin::kMostGroup, info.max_workgroup_size);
         return std::min((wished + subgroup - 1) / subgroup * subgroup, most);
@@ -230,9 +245,8 @@ private:
     }
 
     [[nodiscard]] std::uint32_t pixel_of(std::uint32_t tile, std::uint32_t local) const {
-        const std::uint32_t column = (tile % grid_.columns << twin::kTileShift) + (local & (twin::kTileSide - 1U));
-        const std::uint32_t row = (tile / grid_.columns << twin::kTileShift) + (local >> twin::kTileShift);
-        return row * static_cast<std::uint32_t>(camera_.width()) + column;
+        const auto width = static_cast<std::size_t>(camera_.width());
+        return static_cast<std::uint32_t>(grid_.row_of(tile, local) * width + grid_.column_of(tile, local));
     }
 
     template <class Draw>
@@ -245,34 +259,40 @@ private:
         for (std::uint32_t r = 0; r < set.repeats.size(); ++r)
             for_each_span(set.repeats[r], set.objects, grid_.count(),
                           [&](std::uint32_t tile, std::uint32_t first_run, std::uint32_t end_run) {
-                              const std::uint64_t count = run_begin(set.repeats[r], end_run) - run_begin(set.repeats[r], first_run);
+                              const std::uint64_t count =
+                                  run_begin(set.repeats[r], end_run) - run_begin(set.repeats[r], first_run);
                               const bool full = (chunk.particles + count) * sizeof(Particle) > chunk_bytes_;
-                              const bool next_repeat = chunk.pieces.empty() || chunk.pieces.back().repeat != r;
+                              const bool next_repeat =
+                                  chunk.pieces.empty() || chunk.pieces.back().repeat != r;
                               if (full || (next_repeat && chunk.repeats == twin::kPackedRepeats)) finish();
                               chunk.add(set, r, tile, first_run, end_run);
                           });
         finish();
     }
 
-    /// How often, at most, an invocation goes round the loops of particle_draw.comp.glsl for a span. The round in which
-    /// a loop finds that it is over counts, too.
-    [[nodiscard]] std::uint64_t iterations(const twin::DrawSpan& span, bool shaded, std::uint32_t size) const {
+    /// How often, at most, an invocation goes round the loops of particle_draw.comp.glsl for a span. The
+    /// round in which a loop finds that it is over counts, too.
+    [[nodiscard]] std::uint64_t iterations(const twin::DrawSpan& span, bool shaded,
+                                           std::uint32_t size) const {
         const std::uint64_t runs = span.end_run - span.first_run;
         const std::uint64_t steps = span.count / size + 1;
         const std::uint64_t lights = static_cast<std::uint64_t>(std::max(setup_.view.light_count - 2, 0)) + 1;
-        // The loop over spans, over the particles, over the runs, over the particles of each, over further lights.
+        // The loop over spans, over the particles, over the runs, over the particles of each, over further
+        // lights.
         return 1 + (steps + 1) + (runs + 1) + (steps + 2 * runs) + (shaded ? (steps + runs) * lights : 0);
     }
 
-    /// The chunk's spans by tile, a tile's in as many items as it has slots, in order of repeats; in software cut
-    /// further, into rounds.
-    [[nodiscard]] Rounds make_items(const Chunk& chunk, bool shaded, std::uint32_t size, std::vector<twin::DrawSpan>& sorted) const {
+    /// The chunk's spans by tile, a tile's in as many items as it has slots, in order of repeats; in software
+    /// cut further, into rounds.
+    [[nodiscard]] Rounds make_items(const Chunk& chunk, bool shaded, std::uint32_t size,
+                                    std::vector<twin::DrawSpan>& sorted) const {
         std::vector<std::uint32_t> begin(grid_.count() + 1, 0);
         for (const std::uint32_t tile : chunk.tile_of_span) ++begin[tile + 1];
         for (std::size_t tile = 0; tile < grid_.count(); ++tile) begin[tile + 1] += begin[tile];
         sorted.resize(chunk.spans.size());
         std::vector<std::uint32_t> next(begin.begin(), begin.end() - 1);
-        for (std::size_t s = 0; s < chunk.spans.size(); ++s) sorted[next[chunk.tile_of_span[s]]++] = chunk.spans[s];
+        for (std::size_t s = 0; s < chunk.spans.size(); ++s)
+            sorted[next[chunk.tile_of_span[s]]++] = chunk.spans[s];
         std::vector<std::vector<twin::DrawItem>> rounds;
         const std::uint32_t parts = setup_.slots_a_tile;
         for (std::uint32_t tile = 0; tile < grid_.count(); ++tile)
@@ -297,15 +317,17 @@ private:
     }
 
     /// As many spans as one item takes, at least one.
-    [[nodiscard]] std::uint32_t end_of_item(const std::vector<twin::DrawSpan>& spans, std::uint32_t first, std::uint32_t end,
-                                            bool shaded, std::uint32_t size) const {
+    [[nodiscard]] std::uint32_t end_of_item(const std::vector<twin::DrawSpan>& spans, std::uint32_t first,
+                                            std::uint32_t end, bool shaded, std::uint32_t size) const {
         if (device_.info().is_gpu) return end;
         std::uint64_t sum = 0;
         std::uint32_t cut = first;
         while (cut < end && (sum += iterations(spans[cut], shaded, size)) <= kMostIterations) ++cut;
         if (cut == first)
-            throw run_error("{}: {} particles of one repeat in one tile of {} x {} pixels are more than Vulkan in software draws",
-                            device_.info().name, spans[first].count, twin::kTileSide, twin::kTileSide);
+            throw run_error(
+                "{}: {} particles of one repeat in one tile of {} x {} pixels are more than Vulkan in "
+                "software draws",
+                device_.info().name, spans[first].count, twin::kTileSide, twin::kTileSide);
         return cut;
     }
 
@@ -341,7 +363,8 @@ private:
             const std::uint32_t first = rounds.begin[round];
             const std::uint32_t count = rounds.begin[round + 1] - first;
             if (round > 0) commands_.barrier();  // keys and sums of the slots
-            commands_.dispatch(kernel, Push{setup_buffer_.address(), count, first}, device_.groups_for(count, 1));
+            commands_.dispatch(kernel, Push{setup_buffer_.address(), count, first},
+                               device_.groups_for(count, 1));
         }
         commands_.end_stage();
         note(commands_.submit_and_wait());
@@ -360,25 +383,29 @@ private:
 
     void upload_particles(const ParticleSet& set, const Chunk& chunk) {
         const auto source = [&](const Piece& piece) {
-            return std::as_bytes(std::span(set.repeats[piece.repeat].particles).subspan(piece.begin, piece.count));
+            return std::as_bytes(
+                std::span(set.repeats[piece.repeat].particles).subspan(piece.begin, piece.count));
         };
         const std::span<std::byte> mapped = particles_.buffer().mapped();
         if (mapped.empty()) {
             for (const Piece& piece : chunk.pieces)
-                upload(device_, particles_.buffer(), source(piece), std::uint64_t{piece.to} * sizeof(Particle));
+                upload(device_, particles_.buffer(), source(piece),
+                       std::uint64_t{piece.to} * sizeof(Particle));
             return;
         }
         parallel_for(chunk.pieces.size(), 1, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i) {
                 const auto bytes = source(chunk.pieces[i]);
-                std::memcpy(mapped.data() + std::size_t{chunk.pieces[i].to} * sizeof(Particle), bytes.data(), bytes.size());
+                std::memcpy(mapped.data() + std::size_t{chunk.pieces[i].to} * sizeof(Particle), bytes.data(),
+                            bytes.size());
             }
         });
     }
 
     void note(const std::vector<vulkan::StageTime>& times) {
         for (const vulkan::StageTime& t : times) {
-            const auto known = std::find_if(times_.begin(), times_.end(), [&](const auto& each) { return each.name == t.name; });
+            const auto known = std::find_if(times_.begin(), times_.end(),
+                                            [&](const auto& each) { return each.name == t.name; });
             if (known == times_.end()) {
                 times_.push_back({t.name, t.seconds});
             } else {
@@ -404,7 +431,8 @@ private:
 
 }  // namespace
 
-std::unique_ptr<ParticleDrawer> make_particle_drawer(const Device& device, const PreparedScene& scene, const DrawerSettings& settings) {
+std::unique_ptr<ParticleDrawer> make_particle_drawer(const Device& device, const PreparedScene& scene,
+                                                     const DrawerSettings& settings) {
     return std::make_unique<VulkanDrawer>(device, scene, settings);
 }
 

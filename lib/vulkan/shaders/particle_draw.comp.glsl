@@ -1,9 +1,9 @@
 // STEP 2 of PBSR: projection with occlusion, shading of the winners, sums over the repeats.
 //
-// A workgroup is one item: some repeats of one tile. It reads particles, spans, runs; writes the keys and sums of its
-// own slot, which no other workgroup touches, and `pixels` (who won which pixel) where colours are not asked for.
-// Keys are all ones before and after. Within a repeat one invocation at most wins a pixel, so sums need no atomics;
-// a winner may clear its key at once, since no other particle's key could have been equal to it.
+// A workgroup is one item: some repeats of one tile. It reads particles, spans, runs; writes the keys and
+// sums of its own slot, which no other workgroup touches, and `pixels` (who won which pixel) where colours are not
+// asked for. Keys are all ones before and after. Within a repeat one invocation at most wins a pixel, so sums
+// need no atomics; a winner may clear its key at once, since no other particle's key could have been equal.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
@@ -12,7 +12,7 @@
 #include "kernel/particle_draw_twin.h"
 
 layout(local_size_x_id = 0) in;
-// What a scene does not need is not there: in software a branch that nobody takes is run through all the same.
+// What a scene does not need is not there: in software a branch that nobody takes is still run through.
 layout(constant_id = 1) const bool kShaded = true;
 layout(constant_id = 2) const bool kTextured = true;
 layout(constant_id = 3) const int kLights = 1;
@@ -44,7 +44,8 @@ Vec3f texture_color(Material m, Particle q) {
     Vec3f b = texels.at[top + p.right];
     Vec3f c = texels.at[bottom + p.left];
     Vec3f d = texels.at[bottom + p.right];
-    return Vec3f(mix_texels(p, a.x, b.x, c.x, d.x), mix_texels(p, a.y, b.y, c.y, d.y), mix_texels(p, a.z, b.z, c.z, d.z));
+    return Vec3f(mix_texels(p, a.x, b.x, c.x, d.x), mix_texels(p, a.y, b.y, c.y, d.y),
+                 mix_texels(p, a.z, b.z, c.z, d.z));
 }
 
 struct Lighting {
@@ -84,6 +85,7 @@ Particle particle_at(uint i) {
     return Particle(uintBitsToFloat(a.x), uintBitsToFloat(a.y), uintBitsToFloat(b.x), b.y);
 }
 
+// Of the tile; all of its particles are in view.
 uint tile_pixel(Projection projection, Particle q) {
     PixelDepth at;
     if (kByDivision) at = project_particle(projection, q);
@@ -129,7 +131,8 @@ void main() {
                 uint place = won ? base + pixel : nowhere;
                 keys.at[place] = ~uint64_t(0);
                 if (kShaded) {
-                    sums.at[place] = add_packed(sums.at[place], shade_particle(lighting, m, q), nearness_of(q));
+                    ColorUnits color = shade_particle(lighting, m, q);
+                    sums.at[place] = add_packed(sums.at[place], color, nearness_of(q));
                 } else {
                     Pixels(setup.it.pixels).at[i] = won ? pixel : kNoTilePixel;
                 }

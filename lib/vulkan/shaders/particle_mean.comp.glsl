@@ -1,6 +1,6 @@
-// STEP 3 of PBSR: the sums of all slots of a tile are added to those of the image, and are zero again. An invocation is
-// one pixel of the padded image (tile after tile); it reads and clears its own sums in every slot of its tile, and
-// writes its own pixel.
+// STEP 3 of PBSR: the sums of all slots of a tile are added to those of the image, and are zero again. An
+// invocation is one pixel of the padded image (tile after tile); it reads and clears its own sums in every
+// slot of its tile, and writes its own pixel.
 #version 450
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
@@ -18,7 +18,8 @@ layout(push_constant, scalar) uniform Push {
 };
 
 void main() {
-    uint number = (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
+    uint group = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
+    uint number = group * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
     if (number >= pixel_count) return;
     uint tile = number / uint(kTilePixels);
     uint local = number % uint(kTilePixels);
