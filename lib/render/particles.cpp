@@ -171,7 +171,9 @@ Method particles_method() {
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"", "random lines"},
-            {"particles.lines", "\"exact\"", "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different repeats"},
+            {"particles.lines", "\"exact\"",
+             "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different repeats, so that "
+             "variance.* is too small, at most 4 times, where a view runs along them"},
             {"particles.count", "\"poisson\"", "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
             {"particles.memory_mib", "1024", "particles held at a time"},
         },

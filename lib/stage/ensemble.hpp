@@ -30,7 +30,8 @@ struct EnsembleSums {
     EnsembleSums(std::size_t pixel_count, double units);
     void add(const EnsembleSums& other);
     /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the variance of
-    /// its mean. +inf for a single repeat.
+    /// its mean. +inf for a single repeat. Too small where repeats depend on each other (LineMode::fast): by a factor of
+    /// up to K, the crossings of a line, in pixels that hold several crossings of the same line.
     [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
 };
 
