@@ -190,7 +190,7 @@ Method particles_method() {
              "random lines along the edges of boxes and cells; points of triangles"},
             {"particles.lines", "\"exact\"",
              "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different "
-             "repeats"},
+             "repeats, so that variance.* is too small, at most 4 times, where a view runs along them"},
             {"particles.count", "\"poisson\"",
              "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
             {"particles.memory_mib", "1024", "particles held at a time"},

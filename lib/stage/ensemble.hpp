@@ -32,7 +32,8 @@ struct EnsembleSums {
     /// Precondition: as many pixels and the same units.
     void add(const EnsembleSums& other);
     /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the
-    /// variance of its mean. +inf for a single repeat.
+    /// variance of its mean. +inf for a single repeat. Too small where repeats depend on each other
+    /// (LineMode::fast): by a factor of up to K, the crossings of a line, in pixels that hold several of one line.
     [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
 };
 

@@ -177,8 +177,8 @@ std::vector<StageTime> Commands::submit_and_wait() {
     State& s = *state_;
     assert(!s.in_stage);
     if (!s.recording) return {};
-    // The host's reads of mapped memory wait for a fence, but see only what was made available to it.
-    memory_barrier(s.list, VK_PIPELINE_STAGE_2_HOST_BIT, VK_ACCESS_2_HOST_READ_BIT);
+    // A fence makes nothing visible: neither to the host's reads of mapped memory nor to the commands of the next list.
+    memory_barrier(s.list, VK_PIPELINE_STAGE_2_HOST_BIT | kWork, VK_ACCESS_2_HOST_READ_BIT | kReads | kWrites);
     s.recording = false;
     check(vkEndCommandBuffer(s.list), "vkEndCommandBuffer");
 

@@ -28,7 +28,7 @@ layout(buffer_reference, scalar) readonly buffer Lights { ViewLight at[]; };
 layout(buffer_reference, scalar) readonly buffer Texels { Vec3f at[]; };
 layout(buffer_reference, scalar) buffer Pixels { uint at[]; };
 layout(buffer_reference, scalar) coherent buffer Keys { uint64_t at[]; };
-layout(buffer_reference, scalar) buffer Sums { PackedSums at[]; };
+layout(buffer_reference, scalar) coherent buffer Sums { PackedSums at[]; };
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     uint item_count;
