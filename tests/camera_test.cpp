@@ -138,6 +138,8 @@ TEST(Camera, NearAndFarComeFromTheSceneOrTheFile) {
     const Camera given(settings, {.width = 4, .height = 4}, kUnit);
     EXPECT_EQ(given.near(), 3.5);
     EXPECT_EQ(given.far(), 3.75);
+    settings.far = 1e38;
+    EXPECT_NEAR(Camera(settings, {.width = 4, .height = 4}, kUnit).far(), 5, 1e-7) << "where the scene ends";
     settings.near = settings.far = std::nullopt;
     const Camera empty(settings, {.width = 4, .height = 4}, Box{});
     EXPECT_TRUE(std::isfinite(empty.near()) && std::isfinite(empty.far()));

@@ -361,5 +361,17 @@ TEST(Particles, BrightLightsDoNotOverflowTheVariance) {
     }
 }
 
+TEST(PreparedSceneWarnings, NameWhatTheLeastNearPlaneCutsOff) {
+    const auto warnings = [](double size) {
+        testing::internal::CaptureStderr();
+        (void)prepare(scene_from(fmt::format("image.resolution = [4, 4]\ncamera.position = [0, 0, 4]\n[[surface]]\nname = "
+                                             "\"ring\"\nimplicit = \"torus\"\n[[surface]]\nimplicit = \"sphere\"\nscale = {}\n"
+                                             "translate = [0, 0, {}]\n", size, -3 * size)));
+        return testing::internal::GetCapturedStderr();
+    };
+    EXPECT_EQ(warnings(1e7), "");
+    EXPECT_NE(warnings(1e10).find("\"ring\": cut off"), std::string::npos);
+}
+
 }  // namespace
 }  // namespace pellucid

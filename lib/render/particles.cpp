@@ -141,8 +141,9 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     Stage sampling{"sample particles", 0, 0, ""};
     Stage drawing{"project and average", 0, 0, ""};
 
-    EnsembleSums sums = make_sums(scene);
+    // First the drawer: a device that is too small says so before the host fills its memory.
     const std::unique_ptr<ParticleDrawer> drawer = settings.backend.make_particle_drawer(scene);
+    EnsembleSums sums = make_sums(scene);
     // With an error to reach, the number of repeats doubles until it is reached: a rule that does not
     // depend on memory or threads, so neither does the image.
     std::uint32_t done = 0;

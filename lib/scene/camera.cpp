@@ -46,7 +46,8 @@ Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const
     // At near = 0 a pixel of a perspective view would see no area, and a particle density no bound.
     const double least_near = perspective_ && !visible.empty() ? 1e-9 * length(visible.size()) : 0;
     near_ = std::max(settings.near.value_or(nearest), least_near);
-    far_ = settings.far.value_or(std::max(farthest, near_));
+    // Beyond the scene is nothing to see, but float32 in units of a far of 1e38 loses what is near.
+    far_ = std::max(std::min(settings.far.value_or(farthest), farthest), near_);
 }
 
 Ray Camera::ray(double x, double y) const {

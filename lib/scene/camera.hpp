@@ -24,7 +24,8 @@ struct PixelRect {
 class Camera {
 public:
     /// `visible` bounds all objects in world coordinates; near and far come from it when the
-    /// settings give none: near = its nearest depth, but at least 1e-9 of the length of its diagonal.
+    /// settings give none: near = its nearest depth, but at least 1e-9 of the length of its diagonal
+    /// in a perspective view, whatever the settings give; far = at most its farthest depth.
     /// With `crop` the camera sees that part of the image only: its pixel (0, 0) is (x0, y0) there.
     Camera(const CameraSettings& settings, const ImageSettings& image, const Box& visible,
            std::optional<PixelRect> crop = std::nullopt);

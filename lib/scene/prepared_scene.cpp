@@ -35,6 +35,27 @@ std::size_t PreparedScene::bytes() const {
     return sum;
 }
 
+namespace {
+
+/// Warns of what is in front of the eye, and yet before the least near plane that the scene's size allows.
+void warn_of_cut_objects(const Scene& scene, const std::vector<Object>& objects, const Camera& camera) {
+    for (const Object& object : objects) {
+        if (object.geometry->patch_count() == 0) continue;
+        const Box box = object.geometry->bounds();
+        double nearest = kInfinity;
+        for (int i = 0; i < 8; ++i) {
+            const Vec3 corner((i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
+                              (i & 4) != 0 ? box.hi.z : box.lo.z);
+            nearest = std::min(nearest, camera.to_view(corner).z);
+        }
+        if (nearest > std::max(0.0, scene.camera.near.value_or(0)) && nearest < camera.near())
+            warn("surface \"{}\": cut off nearer than {:.3g}: 1e-9 of the scene's size is the least near",
+                 object.surface.name, camera.near());
+    }
+}
+
+}  // namespace
+
 PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
     std::vector<Object> objects;
     Box visible;
@@ -48,7 +69,9 @@ PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
             throw input_error("{}: surface \"{}\" makes the scene {:.3g} large, expected 1e-100 to 1e100", scene.source,
                               surface.name, length(box.size()));
     }
-    return {scene, std::move(objects), Camera(scene.camera, scene.image, visible, crop)};
+    const Camera camera(scene.camera, scene.image, visible, crop);
+    warn_of_cut_objects(scene, objects, camera);
+    return {scene, std::move(objects), camera};
 }
 
 }  // namespace pellucid
