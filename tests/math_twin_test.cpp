@@ -14,6 +14,7 @@
 #include <limits>
 #include <mutex>
 #include <set>
+#include <random>
 #include <sstream>
 #include <string>
 #include <vector>
@@ -471,6 +472,38 @@ TEST(MathTwin, InGlslOnlyUncontractedSumsAndProducts) {
         }
         EXPECT_GT(count, 150) << options;
     }
+}
+
+// The quick functions of shading, to the bounds that the header states: all mantissas over two octaves, and a
+// spread of exponents.
+TEST(MathTwin, QuickFunctionsKeepTheirBounds) {
+    double worst_root = 0;
+    for (std::uint32_t bits = 0x3f800000U; bits < 0x40800000U; bits += 7)
+        for (const int exponent : {-120, -40, 0, 40, 118}) {
+            const float x = std::ldexp(twin::uintBitsToFloat(bits), exponent);
+            const double exact = 1 / std::sqrt(static_cast<double>(x));
+            worst_root = std::max(worst_root, std::abs(static_cast<double>(twin::quick_rsqrt(x)) / exact - 1));
+        }
+    EXPECT_LT(worst_root, 3e-7);
+    EXPECT_GT(worst_root, 1e-8);  // it is measured
+
+    double worst_power = 0;  // of its bound
+    std::mt19937 random(11);
+    std::uniform_real_distribution<double> unit(0, 1);
+    for (int i = 0; i < 4'000'000; ++i) {
+        const auto x = static_cast<float>(i % 2 == 0 ? unit(random) : std::pow(2, -30 * unit(random)));
+        const auto y = static_cast<float>(std::pow(10, 8 * unit(random) - 3));
+        const double exact = std::pow(static_cast<double>(x), static_cast<double>(y));
+        if (!(exact > 1e-37)) continue;
+        const double bound = 2e-7 * (1 + std::abs(std::log2(exact)));
+        worst_power = std::max(worst_power, std::abs(static_cast<double>(twin::quick_power(x, y)) / exact - 1) / bound);
+    }
+    EXPECT_LT(worst_power, 1);
+    EXPECT_GT(worst_power, 0.1);
+    EXPECT_EQ(twin::quick_power(0, 0), 1);
+    EXPECT_EQ(twin::quick_power(0, 3), 0);
+    EXPECT_EQ(twin::quick_power(1, 1e5F), 1);
+    EXPECT_EQ(twin::quick_power(0.5F, 1000), 0);  // below the smallest normal number
 }
 
 }  // namespace

@@ -4,7 +4,9 @@
 #include <map>
 
 #include <gtest/gtest.h>
+#include <unistd.h>
 
+#include "core/error.hpp"
 #include "core/random.hpp"
 #include "kernel/normal_twin.h"
 #include "sample/particle_sampler.hpp"
@@ -202,6 +204,22 @@ TEST(SortByTile, KeepsEveryParticleAndItsObjectInItsTile) {
         }
         for (std::size_t run = 1; run < sorted.runs.size(); ++run)
             EXPECT_LT(sorted.runs[run - 1].bin, sorted.runs[run].bin);
+    }
+}
+
+TEST(MakeSums, RefusesAnImageThatTheMachineCannotHold) {
+    const PreparedScene scene = two_glossy_tori();
+    Scene wide = scene.settings;
+    wide.image = {.width = 65536, .height = 32768};
+    const PreparedScene prepared = prepare(wide);
+    if (static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE)) > 180e9)
+        GTEST_SKIP() << "skipped: this machine holds it";
+    try {
+        (void)make_sums(prepared);
+        FAIL();
+    } catch (const Error& e) {
+        EXPECT_EQ(e.exit_code(), 4);
+        EXPECT_NE(std::string(e.what()).find("65536 x 32768"), std::string::npos) << e.what();
     }
 }
 

@@ -4,6 +4,9 @@
 #include <cmath>
 #include <limits>
 
+#include <unistd.h>
+
+#include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "scene/shading.hpp"
 
@@ -49,7 +52,16 @@ double color_units_of(double brightest) {
 }
 
 EnsembleSums make_sums(const PreparedScene& scene) {
-    return {scene.camera, color_units_of(brightest_color(scene))};
+    // The sums, and the nine planes that are made of them. Asked for and touched page by page, memory that is
+    // not there would end the program, and perhaps others, before any error could be said.
+    constexpr double kBytesOfPixel = sizeof(EnsembleSums::Pixel) + 9 * sizeof(float);
+    const Camera& camera = scene.camera;
+    const double needed = kBytesOfPixel * camera.width() * camera.height();
+    const double there = static_cast<double>(sysconf(_SC_PHYS_PAGES)) * static_cast<double>(sysconf(_SC_PAGESIZE));
+    if (needed > there)
+        throw run_error("an image of {} x {} pixels needs {:.3g} GB of memory, this machine has {:.3g}", camera.width(),
+                        camera.height(), needed / 1e9, there / 1e9);
+    return {camera, color_units_of(brightest_color(scene))};
 }
 
 Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const EnsembleSums& sums) {

@@ -47,7 +47,8 @@ inline constexpr double kMostParticleColor = 1e30;
 /// colour is quantised to 1/65535, or to 2^-20 of the brightest one.
 [[nodiscard]] double color_units_of(double brightest);
 
-/// Sums of nothing yet, for a scene's image and its brightest colour.
+/// Sums of nothing yet, for a scene's image and its brightest colour. Throws Error(run) where the machine's memory
+/// does not hold them and the image.
 [[nodiscard]] EnsembleSums make_sums(const PreparedScene& scene);
 
 /// R, G, B (associated), A, Z, and variance.R/G/B/A of the pixel's mean: the sample variance over the
