@@ -17,28 +17,28 @@ TWIN_FN float dot3(Vec3f a, Vec3f b) {
     return r;
 }
 
-TWIN_FN float sign_or_one(float v) { return v < 0.0f ? -1.0f : 1.0f; }
-
-// 16 bits for a coordinate in [-1, 1].
+// 16 bits for a coordinate in [-1, 1]. Whole numbers by conversion, which rounds to zero, and mended: floor is
+// a call on some processors.
 TWIN_FN uint quantise_snorm(float v) {
     TWIN_PRECISE float scaled = min(max(v, -1.0f), 1.0f) * 32767.0f + 0.5f;
-    return uint(int(floor(scaled)) + 32768) & 65535u;
+    int whole = int(scaled);
+    return uint(whole - int(scaled < float(whole)) + 32768) & 65535u;
 }
 // Steps of 1/32767 times 32767: whole numbers, exact. A normal's length is of no account before the end.
 TWIN_FN float restore_snorm(uint bits) { return float(int(bits) - 32768); }
 
-// n need not have unit length; not zero.
+// n need not have unit length; not zero. Without a branch: g++ vectorises.
 TWIN_FN uint pack_normal(Vec3f n) {
     TWIN_PRECISE float size = abs(n.x) + abs(n.y) + abs(n.z);
     float over_size = twin_reciprocal(size);
     float u = n.x * over_size;
     float v = n.y * over_size;
-    if (n.z < 0.0f) {
-        float folded_u = (1.0f - abs(v)) * sign_or_one(u);
-        float folded_v = (1.0f - abs(u)) * sign_or_one(v);
-        u = folded_u;
-        v = folded_v;
-    }
+    // The lower half is folded outwards: 1 - |v| with the sign of u, and the other way round.
+    uint folded_u = floatBitsToUint(1.0f - abs(v)) ^ (floatBitsToUint(u) & kSignBit);
+    uint folded_v = floatBitsToUint(1.0f - abs(u)) ^ (floatBitsToUint(v) & kSignBit);
+    bool lower = n.z < 0.0f;
+    u = uintBitsToFloat(bits_where(lower, folded_u, floatBitsToUint(u)));
+    v = uintBitsToFloat(bits_where(lower, folded_v, floatBitsToUint(v)));
     return quantise_snorm(u) | (quantise_snorm(v) << 16u);
 }
 
