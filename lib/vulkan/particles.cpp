@@ -134,9 +134,15 @@ public:
         setup_.projection = frame.projection(camera_);
         setup_.view = shading.view;
         const auto kernel = [&](std::uint32_t size, bool shaded) {
-            const std::array<std::uint32_t, 5> constants{
-                size, shaded ? 1U : 0U, shading.texels.empty() ? 0U : 1U,
-                static_cast<std::uint32_t>(shading.view.light_count), setup_.projection.doubt < 1 ? 0U : 1U};
+            // In software a subgroup runs in step and has one size; a GPU may choose among several.
+            const bool one_subgroup = !device.info().is_gpu && size == device.info().subgroup_size;
+            const std::array<std::uint32_t, 6> constants{
+                size,
+                shaded ? 1U : 0U,
+                shading.texels.empty() ? 0U : 1U,
+                static_cast<std::uint32_t>(shading.view.light_count),
+                setup_.projection.doubt < 1 ? 0U : 1U,
+                one_subgroup ? 1U : 0U};
             return Kernel(device, kDrawWords, {.push_bytes = sizeof(Push), .constants = constants});
         };
         for (const std::uint32_t size :

@@ -9,6 +9,7 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_EXT_shader_atomic_int64 : require
+#extension GL_KHR_shader_subgroup_basic : require
 #include "kernel/particle_draw_twin.h"
 
 layout(local_size_x_id = 0) in;
@@ -16,6 +17,7 @@ layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const bool kShaded = true;
 layout(constant_id = 2) const bool kTextured = true;
 layout(constant_id = 3) const int kLights = 1;
+layout(constant_id = 5) const bool kOneSubgroup = false;  // the workgroup is no more
 layout(constant_id = 4) const bool kByDivision = false;  // float32 cannot find the quotient of the projection
 
 layout(buffer_reference, scalar) readonly buffer Setup { DrawSetup it; };
@@ -93,6 +95,17 @@ uint tile_pixel(Projection projection, Particle q) {
     return uint(((at.row & (kTileSide - 1)) << kTileShift) | (at.column & (kTileSide - 1)));
 }
 
+// Everybody's writes are seen by all, and nobody goes on before.
+void meet() {
+    if (kOneSubgroup) {
+        subgroupMemoryBarrierBuffer();
+        subgroupBarrier();
+    } else {
+        memoryBarrierBuffer();
+        barrier();
+    }
+}
+
 void main() {
     uint number = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
     if (number >= item_count) return;
@@ -117,8 +130,7 @@ void main() {
             Particle q = particle_at(span.first + i);
             atomicMin(keys.at[base + tile_pixel(projection, q)], particle_key(q, span.index + i));
         }
-        memoryBarrierBuffer();
-        barrier();
+        meet();
         // Winners are shaded and added.
         for (uint r = span.first_run; r < span.end_run; ++r) {
             DrawRun run = runs.at[r];
@@ -138,7 +150,6 @@ void main() {
                 }
             }
         }
-        memoryBarrierBuffer();
-        barrier();
+        meet();
     }
 }
