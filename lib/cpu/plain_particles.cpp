@@ -68,12 +68,7 @@ private:
         for (const std::uint32_t pixel : winners.hit_pixels()) {
             const std::uint32_t index = winners.winner(pixel);
             const Particle& particle = repeat.particles[index];
-            const twin::ColorUnits c = shade_particle(shading_, repeat.bin_of(index) % objects, particle);
-            EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue},
-                                    .covered = 1,
-                                    .depth = twin::floatBitsToUint(particle.above_near)};
-            for (int k = 0; k < 3; ++k) one.square[k] = one.color[k] * one.color[k];
-            sums.pixels[pixel].add(one);
+            sums.pixels[pixel].add(winner_sums(shading_, repeat.bin_of(index) % objects, particle));
         }
     }
 

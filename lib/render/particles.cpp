@@ -202,10 +202,8 @@ Method particles_method() {
         [](const RenderInput& input, RenderStats& stats) {
             const ParticleSettings settings = read_settings(input);
             if (settings.max_error && settings.sampler.lines == LineMode::fast)
-                warn(
-                    "--max-error takes repeats for independent, which those of particles.lines = \"fast\" "
-                    "are not "
-                    "quite: the error may be larger");
+                warn("--max-error takes repeats for independent, which those of particles.lines = \"fast\" "
+                     "are not quite: the error may be larger");
             for (const Object& object : input.scene.objects)
                 if (object.surface.opacity > kMostParticleOpacity)
                     warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely "

@@ -86,4 +86,14 @@ twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t ob
     return twin::color_units(m, sums, color.x, color.y, color.z, shading.view.units);
 }
 
+EnsembleSums::Pixel winner_sums(const ParticleShading& shading, std::uint32_t object,
+                                const Particle& particle) {
+    const twin::ColorUnits c = shade_particle(shading, object, particle);
+    EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue},
+                            .covered = 1,
+                            .depth = twin::floatBitsToUint(particle.above_near)};
+    for (int k = 0; k < 3; ++k) one.square[k] = one.color[k] * one.color[k];
+    return one;
+}
+
 }  // namespace pellucid

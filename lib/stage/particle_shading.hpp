@@ -7,6 +7,7 @@
 #include "kernel/particle_twin.h"
 #include "sample/particle_set.hpp"
 #include "scene/prepared_scene.hpp"
+#include "stage/ensemble.hpp"
 
 namespace pellucid {
 
@@ -23,6 +24,10 @@ struct ParticleShading {
 /// Colour of a particle of an object (its place in the scene), by kernel/particle_twin.h. The fast CPU does
 /// the same in SIMD, and calls this where an object has an image.
 [[nodiscard]] twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t object,
+                                              const Particle& particle);
+
+/// What a particle of an object adds to the sums of the pixel that it won.
+[[nodiscard]] EnsembleSums::Pixel winner_sums(const ParticleShading& shading, std::uint32_t object,
                                               const Particle& particle);
 
 }  // namespace pellucid

@@ -1,6 +1,7 @@
 #include "stage/tile_spans.hpp"
 
 namespace pellucid {
+
 TileSpans::TileSpans(const ParticleSet& set, std::size_t tiles) : tile_begin(tiles + 1, 0) {
     for (const RepeatParticles& repeat : set.repeats)
         for_each_span(repeat, set.objects, tiles,

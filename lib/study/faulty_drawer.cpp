@@ -24,13 +24,8 @@ public:
             for (std::uint32_t i = 0; i < all[r].size(); ++i) {
                 if (all[r][i] == kNoPixel) continue;
                 const RepeatParticles& repeat = set.repeats[r];
-                const twin::ColorUnits c =
-                    shade_particle(shading_, repeat.bin_of(i) % set.objects, repeat.particles[i]);
-                EnsembleSums::Pixel one{.color = {c.red, c.green, c.blue},
-                                        .covered = 1,
-                                        .depth = twin::floatBitsToUint(repeat.particles[i].above_near)};
-                for (int k = 0; k < 3; ++k) one.square[k] = one.color[k] * one.color[k];
-                sums.pixels[all[r][i]].add(one);
+                const std::uint32_t object = repeat.bin_of(i) % set.objects;
+                sums.pixels[all[r][i]].add(winner_sums(shading_, object, repeat.particles[i]));
             }
         sums.particles += set.count();
         sums.repeats += set.repeats.size();

@@ -1,8 +1,8 @@
 // STEP 2 of PBSR: projection with occlusion, shading of the winners, sums over the repeats.
 //
 // A workgroup is one item: some repeats of one tile. It reads particles, spans, runs; writes the keys and
-// sums of its own slot, which no other workgroup touches, and `pixels` (who won which pixel) where colours are not
-// asked for. Keys are all ones before and after. Within a repeat one invocation at most wins a pixel, so sums
+// sums of its own slot, which no other workgroup touches, and `pixels` (who won which pixel) where colours are
+// not asked for. Keys are all ones before and after. Within a repeat one invocation at most wins a pixel, so sums
 // need no atomics; a winner may clear its key at once, since no other particle's key could have been equal.
 #version 450
 #extension GL_GOOGLE_include_directive : require
@@ -17,8 +17,8 @@ layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const bool kShaded = true;
 layout(constant_id = 2) const bool kTextured = true;
 layout(constant_id = 3) const int kLights = 1;
-layout(constant_id = 5) const bool kOneSubgroup = false;  // the workgroup is no more
 layout(constant_id = 4) const bool kByDivision = false;  // float32 cannot find the quotient of the projection
+layout(constant_id = 5) const bool kOneSubgroup = false;  // the workgroup is no more
 
 layout(buffer_reference, scalar) readonly buffer Setup { DrawSetup it; };
 layout(buffer_reference, scalar) readonly buffer Particles { u64vec2 at[]; };  // two loads, not four
