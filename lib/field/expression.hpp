@@ -1,0 +1,60 @@
+// Formulas of x, y, z: parsed once, then value, gradient and Hessian as programs.
+//
+//   formula  = term  { ("+" | "-") term }              x y z pi, numbers, names of parameters
+//   term     = sign  { ("*" | "/") sign }
+//   sign     = ("-" | "+") sign | power                −x^2 is −(x^2)
+//   power    = primary [ "^" sign ]                    right associative; 2^-x is legal
+//   primary  = number | name | function "(" formula { "," formula } ")" | "(" formula ")"
+//   function = sqrt abs exp log sin cos tan (one argument), min max (two or more)
+#pragma once
+
+#include <array>
+#include <cstddef>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+
+#include "field/program.hpp"
+
+namespace pellucid {
+
+class Expression {
+public:
+    /// Throws Error(input), one line with the column: what cannot be read, unknown names, constants that are not
+    /// finite, more than kMostDepth nested parentheses, a formula that stays above kMostOperations.
+    ///   parameters  names with values beside pi; they hide nothing: x, y, z, pi and functions keep their meaning
+    explicit Expression(std::string_view text, const std::map<std::string, double>& parameters = {});
+
+    static constexpr int kMostDepth = 1000;
+    static constexpr std::size_t kMostOperations = 20000;
+
+    /// f; f and ∂f/∂axis; f, ∂f/∂x, ∂f/∂y, ∂f/∂z; and then also xx, yy, zz, xy, xz, yz.
+    /// Subexpressions are shared, also between the outputs.
+    [[nodiscard]] const Program& value() const;
+    [[nodiscard]] const Program& slope(int axis) const;
+    [[nodiscard]] const Program& gradient() const;
+    [[nodiscard]] const Program& hessian() const;  // built when first asked for; safe from several threads
+
+    [[nodiscard]] double at(const Vec3& x) const;
+    [[nodiscard]] Vec3 gradient_at(const Vec3& x) const;
+
+    /// Degree as a polynomial in x, y and z together; empty where it is none (or above 1000).
+    [[nodiscard]] std::optional<int> degree() const;
+    /// Degree in one variable alone (axis 0, 1, 2), the others held fixed: also where the others enter otherwise.
+    [[nodiscard]] std::optional<int> degree_along(int axis) const;
+    /// Whether abs, min or max stands in it: second derivatives then say nothing about kinks.
+    [[nodiscard]] bool has_kinks() const;
+    /// As read.
+    [[nodiscard]] const std::string& text() const;
+
+    /// GLSL source of `float NAME(vec3 p)` and, with_gradient, `vec4 NAME_gradient(vec3 p)` (∂x, ∂y, ∂z, value).
+    [[nodiscard]] std::string glsl(std::string_view name, bool with_gradient) const;
+
+private:
+    struct State;
+    std::shared_ptr<const State> state_;
+};
+
+}  // namespace pellucid
