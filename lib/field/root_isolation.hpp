@@ -5,28 +5,17 @@
 // interval subdivision, with the slope's interval to tell monotone pieces, then safeguarded Newton.
 #pragma once
 
-#include <cstdint>
 #include <vector>
 
 #include "core/vec.hpp"
 #include "field/expression.hpp"
+#include "field/isolation_stats.hpp"
 
 namespace pellucid {
 
 struct Root {
     double t;
     bool touching;  // f has a zero there and the same sign on both sides
-};
-
-/// What could not be decided, and what was met that is no root.
-struct IsolationStats {
-    std::uint64_t undecided = 0;  // pieces of kLeastShare of the interval that may hold an even number of roots, or
-                                  // (formula not surely continuous) a change of sign that is none
-    std::uint64_t touching = 0;   // roots kept that do not change the sign
-    std::uint64_t poles = 0;      // changes of sign through infinity or across a gap: no roots
-    std::uint64_t exact = 0;      // intervals that needed exact arithmetic
-
-    IsolationStats& operator+=(const IsolationStats& more);
 };
 
 /// Roots closer to each other than this share of the interval may be told as one, or as none if their number is even.

@@ -559,10 +559,10 @@ namespace {
 
 struct Shot {
     Vec3 origin{0.0}, direction{0.0};
-    std::array<Crossing, kMaxCrossings> hits{};
+    CrossingList found;
     int count = 0;
 
-    [[nodiscard]] Vec3 at(int i) const { return origin + hits[static_cast<std::size_t>(i)].t * direction; }
+    [[nodiscard]] Vec3 at(int i) const { return origin + found[static_cast<std::size_t>(i)].t * direction; }
 };
 
 /// A uniform random line through the body, and what it meets of the patch.
@@ -597,7 +597,7 @@ struct Shot {
     const double t_hi = exit_distance(body, shot.origin, shot.direction);
     // A hair beyond both ends: a surface may lie in a face of the body, where rounding would lose it.
     const double hair = 1e-12 * t_hi;
-    shot.count = geometry.crossings(patch, {shot.origin, shot.direction, -hair, t_hi + hair}, shot.hits);
+    shot.count = geometry.crossings(patch, {shot.origin, shot.direction, -hair, t_hi + hair}, shot.found);
     return shot;
 }
 
@@ -643,7 +643,7 @@ std::optional<LineSampler::Point> LineSampler::shoot_and_keep(const Piece& piece
                             static_cast<std::uint32_t>(choices));
     const auto j = static_cast<int>(choices >> 32U);
     if (j >= shot.count) return std::nullopt;
-    return keep(piece.patch, shot.hits[static_cast<std::size_t>(j)], shot.at(j), piece.least_area,
+    return keep(piece.patch, shot.found[static_cast<std::size_t>(j)], shot.at(j), piece.least_area,
                 unit_interval(bits.second[3]));
 }
 
@@ -654,8 +654,9 @@ double LineSampler::line_pixels() const {
     return area ? body.crofton_area() / area->least : 0;
 }
 
-int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
-                                   std::span<Point, kMaxCrossings> out) const {
+void LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
+                                    std::vector<Point>& out) const {
+    out.clear();
     const Bits bits(seed, object_id_, repeat, index);
     const auto third =
         random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
@@ -663,13 +664,11 @@ int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_
     const Body body = object_->geometry->body(0);
     const auto area = camera_->pixel_area_range(corners.data(), body.vertices(corners));
     const Shot shot = shoot(*object_->geometry, 0, body, bits.first, bits.second[2]);
-    int kept = 0;
     for (int i = 0; area && i < shot.count; ++i) {
         const auto k = static_cast<std::size_t>(i);
-        if (const auto point = keep(0, shot.hits[k], shot.at(i), area->least, unit_interval(third[k])))
-            out[static_cast<std::size_t>(kept++)] = *point;
+        if (const auto point = keep(0, shot.found[k], shot.at(i), area->least, unit_interval(third[k % 4])))
+            out.push_back(*point);
     }
-    return kept;
 }
 
 // ---- fast mode
@@ -697,7 +696,7 @@ void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t gro
                 shoot(*object_->geometry, piece.patch, body_of_piece(piece, own), bits.first, bits.second[2]);
             for (int l = 0; l < shot.count; ++l)
                 if (const auto point =
-                        keep(piece.patch, shot.hits[static_cast<std::size_t>(l)], shot.at(l),
+                        keep(piece.patch, shot.found[static_cast<std::size_t>(l)], shot.at(l),
                              piece.least_area, turned_chance(unit_interval(bits.second[3]), l, labels)))
                     out[dealt(third[0], l, deal)].push_back(*point);
         }

@@ -68,8 +68,8 @@ public:
     /// All crossings of a random line at once, as no sampler should: dependent particles in one repeat.
     /// Kept as the wrong twin of `trial` that the tests must reject: `line_pixels` takes the place of V. For
     /// surfaces of one patch that is not flat.
-    int trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
-                          std::span<Point, kMaxCrossings> out) const;
+    void trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
+                           std::vector<Point>& out) const;
     [[nodiscard]] double line_pixels() const;
 
     /// Pieces come in blocks of neighbours, which fit into a near cache together: trials taken block by

@@ -13,10 +13,12 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "core/image.hpp"
 #include "core/vec.hpp"
 #include "field/catalogue.hpp"
+#include "field/isolation_stats.hpp"
 #include "io/mesh_file.hpp"
 #include "scene/scene.hpp"
 
@@ -43,7 +45,13 @@ struct Crossing {
     Vec3 normal{0.0};      // geometric, world; not normalised, never zero
 };
 
-inline constexpr int kMaxCrossings = 4;
+/// What a line met. Lists are meant to be used again, so that nothing is allocated.
+struct CrossingList {
+    std::vector<Crossing> hits;  // of the last call
+    IsolationStats stats;        // of all calls: what fields could not decide
+
+    [[nodiscard]] const Crossing& operator[](std::size_t i) const { return hits[i]; }
+};
 
 /// f = 0 inside the bounds, in object space: one patch.
 struct ImplicitPatch {
@@ -83,9 +91,8 @@ public:
     [[nodiscard]] virtual std::size_t patch_count() const = 0;
     [[nodiscard]] virtual Body body(std::size_t patch) const = 0;
     [[nodiscard]] virtual int max_crossings() const = 0;
-    /// Every crossing of a line with the part of the surface in the patch's body, ascending in t.
-    virtual int crossings(std::size_t patch, const Line& line,
-                          std::span<Crossing, kMaxCrossings> out) const = 0;
+    /// Every crossing of a line with the part of the surface in the patch's body, ascending in t: how many.
+    virtual int crossings(std::size_t patch, const Line& line, CrossingList& out) const = 0;
     /// What the surface is where its lines along edges have closed-form crossings; both are empty elsewhere.
     [[nodiscard]] virtual std::optional<ImplicitPatch> implicit() const { return std::nullopt; }
     [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
