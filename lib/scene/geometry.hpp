@@ -6,6 +6,7 @@
 //   rectangle  one patch                   flat body    1
 //   implicit   one patch, its bounds       box          1, 2 or 4
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
+//   expression a cell of an octree a patch cell         1 in most, any number in few
 #pragma once
 
 #include <array>
@@ -23,6 +24,8 @@
 #include "scene/scene.hpp"
 
 namespace pellucid {
+
+class FieldCells;
 
 /// A convex body in world space, spanned by edges from one corner.
 struct Body {
@@ -57,6 +60,12 @@ struct CrossingList {
 struct ImplicitPatch {
     const CatalogueSurface* field;
     Box bounds;
+    Affine to_world;
+};
+
+/// f = 0 of a formula, in cells of an octree: a cell a patch. Object space.
+struct FieldPatches {
+    const FieldCells* cells;
     Affine to_world;
 };
 
@@ -96,6 +105,8 @@ public:
     /// What the surface is where its lines along edges have closed-form crossings; both are empty elsewhere.
     [[nodiscard]] virtual std::optional<ImplicitPatch> implicit() const { return std::nullopt; }
     [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
+    /// The cells of a formula's surface; empty elsewhere.
+    [[nodiscard]] virtual std::optional<FieldPatches> field() const { return std::nullopt; }
     /// Precondition: trilinear() has a value.
     [[nodiscard]] virtual TrilinearCorners cell(std::size_t patch) const;
     /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.
@@ -114,8 +125,8 @@ public:
     [[nodiscard]] virtual std::size_t bytes() const = 0;
 };
 
-/// True where this program can turn the shape into geometry (all but expressions, point sets,
-/// slices and interpolations other than trilinear).
+/// True where this program can turn the shape into geometry (all but point sets, slices and
+/// interpolations other than trilinear).
 [[nodiscard]] bool has_geometry(const Shape& shape);
 
 /// Reads files and builds the geometry of one surface. Throws Error(input) naming surface and file.
