@@ -193,7 +193,8 @@ Node FormulaGraph::sum(Node a, Node b, bool minus) {
     const Scaled sa = scaled(a);
     const Scaled sb = scaled(b);
     if (sa.of == sb.of)
-        if (const auto both = exact_sum(sa.factor, minus ? -sb.factor : sb.factor)) return scale(*both, sa.of);
+        if (const auto both = exact_sum(sa.factor, minus ? -sb.factor : sb.factor))
+            return scale(*both, sa.of);
     if (sb.factor < 0) return sum(a, negate(b), !minus);
     if (!minus && sa.factor < 0) return sum(b, negate(a), true);
     if (minus && sa.factor == -1) return negate(sum(sa.of, b, false));
@@ -313,7 +314,8 @@ Node FormulaGraph::integer_power(Node base, int exponent) {
         return even ? positive : negate(positive);
     }
     if (exponent == 2 && s.factor != 1 && moves(s.factor))
-        if (const auto factor = exact_product(s.factor, s.factor)) return scale(*factor, integer_power(s.of, 2));
+        if (const auto factor = exact_product(s.factor, s.factor))
+            return scale(*factor, integer_power(s.of, 2));
     if (const Raised r = raised(base); r.exponent > 1 && std::abs(r.exponent * exponent) <= kMostPower)
         return integer_power(r.of, r.exponent * exponent);
     if (exponent == 2) return node({.op = Op::square, .a = base});

@@ -1,10 +1,11 @@
-// Formulas as a graph in which nothing stands twice: what is equal is one node, and no node is more than it must be.
+// Formulas as a graph in which nothing stands twice: what is equal is one node.
 //
-// Every function that makes a node simplifies first. The domain never changes: x/x stays, 0·log(x) stays, 0·x is 0.
-// The value may change in its last bits, and only so:
+// Every function that makes a node simplifies first. The domain never changes: x/x stays, 0·log(x) stays,
+// 0·x is 0. The value may change in its last bits, and only so:
 //   * constants fold by the operations of `run<Real>`: the same bits as without folding;
-//   * factors move outwards, (c·u)·v = c·(u·v), (c·u)/v = c·(u/v), if 2⁻⁶⁴ <= |c| <= 2⁶⁴; two constants become one
-//     only where that is exact: 2·(3·u) = 6·u, (u + 1) + 2 = u + 3, 3·u + 2·u = 5·u, but 3·(0.1·u) stays;
+//   * factors move outwards, (c·u)·v = c·(u·v), (c·u)/v = c·(u/v), if 2⁻⁶⁴ <= |c| <= 2⁶⁴;
+//   * two constants become one only where that is exact: 2·(3·u) = 6·u, (u + 1) + 2 = u + 3,
+//     3·u + 2·u = 5·u, but 3·(0.1·u) stays;
 //   * u·u = u², u²·u = u³, (u²)³ = u⁶, u/4 = 0.25·u, 2·u + 2·v = 2·(u + v).
 #pragma once
 
@@ -43,8 +44,8 @@ public:
     /// exp(exponent·log(base)), but ½ and −½ by the square root.
     [[nodiscard]] Node power(Node base, Node exponent);
 
-    /// ∂f/∂axis. What does not depend on the axis has derivative 0, also where it is undefined. At a kink of abs
-    /// the derivative of a >= 0, of min and max that of the first operand.
+    /// ∂f/∂axis. What does not depend on the axis has derivative 0, also where it is undefined. At a kink of
+    /// abs the derivative of a >= 0, of min and max that of the first operand.
     [[nodiscard]] Node derivative(Node f, int axis);
 
     /// The value of a constant, not finite where folding gave that; else empty.
