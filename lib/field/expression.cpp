@@ -26,7 +26,9 @@ constexpr int kMostDegree = 1000;
         const auto a = [&] { return degrees[s.a]; };
         const auto b = [&] { return degrees[s.b]; };
         const auto fixed = [](int all) { return all == 0 ? 0 : kNotPolynomial; };
-        const auto both = [&](int degree) { return std::min(a(), b()) == kNotPolynomial ? kNotPolynomial : degree; };
+        const auto both = [&](int degree) {
+            return std::min(a(), b()) == kNotPolynomial ? kNotPolynomial : degree;
+        };
         int degree = kNotPolynomial;
         switch (s.op) {
             case Op::constant: degree = 0; break;
