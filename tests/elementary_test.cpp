@@ -130,7 +130,7 @@ TEST(PointEvaluator, EqualsOnePointAtATimeOnEveryInstructionSet) {
             std::vector<Real> values;
             std::vector<Real> right(p.outputs.size());
             for (std::size_t i = 0; i < count; ++i) {
-                run<Real>(p, {Real(at[0][i]), Real(at[1][i]), Real(at[2][i])}, values, right);
+                run_program<Real>(p, {Real(at[0][i]), Real(at[1][i]), Real(at[2][i])}, values, right);
                 for (std::size_t k = 0; k < right.size(); ++k) {
                     if (std::isnan(right[k].value))
                         ASSERT_TRUE(std::isnan(out[k][i])) << k;

@@ -265,7 +265,7 @@ struct Bounded {
 [[nodiscard]] std::vector<double> in_double(const Program& program, const std::array<double, 3>& at) {
     std::vector<Real> values;
     std::vector<Real> out(program.outputs.size());
-    run<Real>(program, {Real(at[0]), Real(at[1]), Real(at[2])}, values, out);
+    run_program<Real>(program, {Real(at[0]), Real(at[1]), Real(at[2])}, values, out);
     std::vector<double> numbers;
     for (const Real r : out) numbers.push_back(r.value);
     return numbers;
@@ -276,7 +276,7 @@ template <class Rounding>
     using J = Jet<Rounding>;
     std::vector<J> values;
     std::vector<J> out(program.outputs.size());
-    run<J>(program, {J::variable(at[0], 0), J::variable(at[1], 1), J::variable(at[2], 2)}, values, out);
+    run_program<J>(program, {J::variable(at[0], 0), J::variable(at[1], 1), J::variable(at[2], 2)}, values, out);
     Bounded b{.value = in_double(program, at), .error = {}};
     for (const J& j : out) {
         b.error.push_back(static_cast<double>(j.error()));

@@ -58,7 +58,7 @@ template <std::size_t Count>
 [[nodiscard]] std::array<double, Count> results_at(const Program& program, const Vec3& x) {
     thread_local std::vector<Real> values;
     std::array<Real, Count> results;
-    run<Real>(program, {Real(x.x), Real(x.y), Real(x.z)}, values, results);
+    run_program<Real>(program, {Real(x.x), Real(x.y), Real(x.z)}, values, results);
     std::array<double, Count> numbers{};
     for (std::size_t i = 0; i < Count; ++i) numbers[i] = results[i].value;
     return numbers;

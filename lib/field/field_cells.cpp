@@ -25,7 +25,7 @@ template <class T, std::size_t outputs>
 [[nodiscard]] std::array<T, outputs> evaluate_at(const Program& program, const std::array<T, 3>& at) {
     thread_local std::vector<T> values;
     std::array<T, outputs> out;
-    run<T>(program, at, values, out);
+    run_program<T>(program, at, values, out);
     return out;
 }
 
@@ -43,7 +43,7 @@ template <class T, std::size_t outputs>
 
 /// The search, level by level.
 struct FieldCells::Builder {
-    /// A cell, and how far the value of `run<Real>` may be off in it.
+    /// A cell, and how far the value of `run_program<Real>` may be off in it.
     struct Found {
         FieldCell cell;
         double noise;
@@ -276,6 +276,11 @@ void FieldCells::cross(const FieldCell& cell, const Vec3& origin, const Vec3& di
     }
     const Vec3 aside = 1e-4 * (hi - lo) * direction;
     for (const Root& root : found) roots.push_back({root.t, gradient_near(origin + root.t * direction, aside)});
+}
+
+bool FieldCells::excludes(const Box& box) const {
+    const auto f = evaluate_at<Interval, 1>(field_.value(), intervals(box))[0];
+    return f.empty() || !f.has_zero();
 }
 
 int FieldCells::most_roots(const FieldCell& cell, int axis) const {

@@ -5,7 +5,7 @@
 // for two evaluations. Cells are cut until that holds along one axis and the gradient's direction varies little, or
 // until what is left of the surface is not worth it.
 //
-// Every decision on signs in cells is that of `run<Real>`, at places that neighbouring cells share to the last bit; cells
+// Every decision on signs in cells is that of `run_program<Real>`, at places that neighbouring cells share to the last bit; cells
 // are thrown away only where |f| is above its rounding. So a line's crossings in all cells together are those of
 // one sequence of signs: none is lost or doubled at a face.
 #pragma once
@@ -60,6 +60,9 @@ public:
     /// Place of plane i of 0 … kPlanes along an axis: the same for all cells that touch it.
     [[nodiscard]] double plane(int axis, std::uint32_t i) const;
     [[nodiscard]] Box box(const FieldCell& cell) const;
+
+    /// True where f surely has no root in a box.
+    [[nodiscard]] bool excludes(const Box& box) const;
 
     /// Roots in one cell with t in [t_lo, t_hi], ascending. Of the cells along a line each root is in one: a cell has
     /// those at which the sign changes between the places where the line enters and leaves it.

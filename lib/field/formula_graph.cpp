@@ -120,7 +120,7 @@ Node FormulaGraph::variable(int axis) {
 
 Node FormulaGraph::fold(Op op, double a, double b, int exponent) {
     fold_program_.steps = {{.value = a}, {.value = b}, {.op = op, .a = 0, .b = 1, .exponent = exponent}};
-    run<Real>(fold_program_, {}, fold_values_, {});
+    run_program<Real>(fold_program_, {}, fold_values_, {});
     return constant(fold_values_[2].value);
 }
 
@@ -330,7 +330,7 @@ Node FormulaGraph::constant_power(double base, double exponent) {
     const Node f = apart.power(apart.variable(0), apart.constant(exponent));
     const Program program = apart.program(std::array{f});
     std::array<Real, 1> result;
-    run<Real>(program, {Real(base), Real(0), Real(0)}, fold_values_, result);
+    run_program<Real>(program, {Real(base), Real(0), Real(0)}, fold_values_, result);
     return constant(result[0].value);
 }
 

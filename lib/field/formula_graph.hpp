@@ -2,7 +2,7 @@
 //
 // Every function that makes a node simplifies first. The domain never changes: x/x stays, 0·log(x) stays,
 // 0·x is 0. The value may change in its last bits, and only so:
-//   * constants fold by the operations of `run<Real>`: the same bits as without folding;
+//   * constants fold by the operations of `run_program<Real>`: the same bits as without folding;
 //   * factors move outwards, (c·u)·v = c·(u·v), (c·u)/v = c·(u/v), if 2⁻⁶⁴ <= |c| <= 2⁶⁴;
 //   * two constants become one only where that is exact: 2·(3·u) = 6·u, (u + 1) + 2 = u + 3,
 //     3·u + 2·u = 5·u, but 3·(0.1·u) stays;

@@ -1,6 +1,6 @@
 // A program over many points at once: SIMD, every step over a chunk of points before the next.
 //
-// Equal to `run<Real>` to the last bit on every instruction set.
+// Equal to `run_program<Real>` to the last bit on every instruction set.
 #pragma once
 
 #include <cstddef>

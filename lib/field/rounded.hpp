@@ -1,4 +1,4 @@
-// How far the value that `run<Real>` gives may be from the real function: running error analysis over a box.
+// How far the value that `run_program<Real>` gives may be from the real function: running error analysis over a box.
 #pragma once
 
 #include "core/interval.hpp"

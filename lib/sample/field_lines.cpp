@@ -13,7 +13,7 @@ template <std::size_t outputs>
 [[nodiscard]] std::array<double, outputs> evaluate_at(const Program& program, const Triple& x) {
     thread_local std::vector<Real> values;
     std::array<Real, outputs> out;
-    run<Real>(program, {Real(x[0]), Real(x[1]), Real(x[2])}, values, out);
+    run_program<Real>(program, {Real(x[0]), Real(x[1]), Real(x[2])}, values, out);
     std::array<double, outputs> plain;
     for (std::size_t i = 0; i < outputs; ++i) plain[i] = out[i].value;
     return plain;
