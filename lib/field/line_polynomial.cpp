@@ -192,14 +192,18 @@ const C* along_line(const Plan& plan, const Vec3& origin, const Vec3& direction,
 
 // ---- One simple root in an interval --------------------------------------------------------------------------------
 
+/// Newton squares its error: a step this short, and so much shorter than the one before, is the last.
+constexpr double kLastStep = 0x1p-36;
+constexpr double kConverging = 0x1p-12;
+
 struct Refined {
     double u;      // in [0, 1]
     double slope;  // dp/du there
 };
 
 /// The root of Σ b_i B_i(u), whose coefficients change sign once. Newton, started where the control polygon crosses;
-/// halving where a step leaves the bracket or does not shrink. Ends after a step no longer than that.
-[[nodiscard]] Refined refine(const double* b, int d, double longest_last_step) {
+/// halving where a step leaves the bracket or does not shrink.
+[[nodiscard]] Refined refine(const double* b, int d) {
     // With s = u/v, p = v^d g(s) for g = Σ C(d,i) b_i s^i, and p/p' = v² g / (g' − d v g); mirrored beyond ½.
     std::array<double, kRoom> c;
     const bool rising = b[0] < 0;
@@ -239,20 +243,20 @@ struct Refined {
         double next = mirrored ? u + step : u - step;
         const bool halve = !(next >= lo && next <= hi) || std::abs(next - u) > 0.5 * last_step;
         if (halve) next = lo + 0.5 * (hi - lo);
-        last_step = std::abs(next - u);
+        const double moved = std::abs(next - u);
+        const bool converges = moved <= kLastStep && moved <= kConverging * last_step;
+        last_step = moved;
         u = next;
-        if ((last_step <= longest_last_step && !halve) || hi - lo <= 0x1p-60) break;
+        if ((converges && !halve) || hi - lo <= 0x1p-60) break;
     }
     return {u, slope};
 }
 
-/// Newton squares its error: the last step may be as long as this share of the interval for a root to the last bit.
-constexpr double kLastStep = 0x1p-36;
 /// Roots worse conditioned than this share of the interval are found with exact coefficients.
 constexpr double kMostDoubt = 1e-13;
 /// Bisection in doubles ends here, and after so many intervals; then integers decide.
 constexpr double kLeastPiece = 0x1p-30;
-constexpr int kMostPieces = 400;
+constexpr int kMostCuts = 400;
 
 // ---- In doubles ----------------------------------------------------------------------------------------------------
 
@@ -344,7 +348,7 @@ constexpr std::array kCuts{8, 7, 9, 5, 11};
     for (int pieces = 0; sure; ++pieces) {
         const Changes changes = sign_changes(p, d);
         if (changes.least == 1 && changes.most == 1) {
-            const Refined root = refine(p.b.data(), d, kLastStep);
+            const Refined root = refine(p.b.data(), d);
             const double error = *std::max_element(p.error.begin(), p.error.begin() + d + 1);
             sure = error * p.width <= kMostDoubt * std::abs(root.slope);
             roots.push_back(p.start + p.width * root.u);
@@ -356,7 +360,7 @@ constexpr std::array kCuts{8, 7, 9, 5, 11};
         }
         // Two roots or a pair of them that may be none: cut.
         sure = false;
-        if (p.width < kLeastPiece || depth == stack.size() || pieces == kMostPieces) break;
+        if (p.width < kLeastPiece || depth == stack.size() || pieces == kMostCuts) break;
         for (const int cut : kCuts) {
             Piece right = p;
             Piece left;
@@ -552,7 +556,7 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
         b[i] = cpp_int(abs(p.b[i]) >> excess).convert_to<double>();
         if (p.b[i].sign() < 0) b[i] = -std::max(b[i], 0x1p-60);
     }
-    const Refined root = refine(b.data(), static_cast<int>(p.b.size()) - 1, kLastStep);
+    const Refined root = refine(b.data(), static_cast<int>(p.b.size()) - 1);
     return ratio(p.start, p.shift) + ratio(p.width, p.shift) * root.u;
 }
 
