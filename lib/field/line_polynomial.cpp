@@ -29,9 +29,22 @@ struct Bounded {
     static constexpr double kFloor = 0x1p-1000;
 
     static Bounded constant(double v) { return {v, std::abs(v)}; }
+    /// With the roundings of product and sum added back (T. J. Dekker, A floating-point technique for extending the
+    /// available precision, Numerische Mathematik 18, 1971): far origins would otherwise blur every coefficient.
     static Bounded on_line(double origin, double direction, double t) {
-        const double along = direction * t;
-        return {origin + along, std::abs(origin) + std::abs(along) + kFloor};
+        const auto high_half = [](double v) {
+            const double scaled = 0x1.0000002p27 * v;
+            return scaled - (scaled - v);
+        };
+        const double p = direction * t;
+        const double d = high_half(direction), d_low = direction - d;
+        const double s = high_half(t), s_low = t - s;
+        const double p_low = ((d * s - p) + d * s_low + d_low * s) + d_low * s_low;
+        const double sum = origin + p;
+        const double p_in_sum = sum - origin;
+        const double sum_low = (origin - (sum - p_in_sum)) + (p - p_in_sum);
+        const double value = sum + (sum_low + p_low);
+        return {value, std::abs(value) + 0x1p-49 * (std::abs(origin) + std::abs(p)) + kFloor};
     }
     friend Bounded operator-(const Bounded& a) { return {-a.value, a.magnitude}; }
     friend Bounded operator+(const Bounded& a, const Bounded& b) {
@@ -253,7 +266,7 @@ struct Refined {
 }
 
 /// Roots worse conditioned than this share of the interval are found with exact coefficients.
-constexpr double kMostDoubt = 1e-13;
+constexpr double kMostDoubt = 1e-11;
 /// Bisection in doubles ends here, and after so many intervals; then integers decide.
 constexpr double kLeastPiece = 0x1p-30;
 constexpr int kMostCuts = 400;
