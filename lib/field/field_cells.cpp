@@ -2,9 +2,11 @@
 
 #include <algorithm>
 #include <cmath>
+#include <ranges>
 
 #include "core/parallel.hpp"
 #include "core/real.hpp"
+#include "field/point_evaluator.hpp"
 #include "field/rounded.hpp"
 
 namespace pellucid {
@@ -15,10 +17,21 @@ constexpr double kHair = 1e-9;
 /// A cell is flat enough where |∇f|/|∂f/∂axis| is at most so many times what it is in the middle: what lines
 /// along that axis give too much is thrown away again.
 constexpr double kFlat = 1.5;
+/// … and where so many of so many lines meet the surface.
+constexpr std::size_t kProbes = 16;
+constexpr std::size_t kWantedHits = 5;
 /// Cells that are neither empty nor flat are cut until their faces are less than this share of all.
-constexpr double kLeastShareLeft = 0.01;
+constexpr double kLeastShareLeft = 0.002;
+constexpr double kFewCells = 0.05;
+constexpr double kLeastShareOfFew = 1e-5;
 /// Steps of programs in intervals that a surface may cost: some seconds.
 constexpr double kMostWork = 4e8;
+/// Of longer formulas the Hessian, of some three times as many steps, is not asked for.
+constexpr std::size_t kMostGradientSteps = 2000;
+/// A box is looked into again where its volume has become less than this share.
+constexpr double kShrunkMuch = 0.6;
+/// Boxes around the surface are larger than they need be by this share of their cell.
+constexpr double kShrinkRoom = 1e-6;
 
 /// Program, point, result: one scratch a thread and algebra.
 template <class T, std::size_t outputs>
@@ -51,30 +64,125 @@ struct FieldCells::Builder {
     };
 
     const FieldCells& cells;
+    bool curvature_is_worth_it;
+    PointEvaluator values;
 
-    /// Whether anything of the surface may be in the cell; then its gradient is known. `found.noise` comes from a larger cell.
+    /// Whether anything of the surface may be in the cell; then what is known of it there. `found.noise` comes from a
+    /// larger cell.
     [[nodiscard]] bool look(Found& found) const {
-        const Box box = cells.box(found.cell);
+        FieldCell& cell = found.cell;
+        cell.tight = cells.box(cell);
+        cell.continuous = true;
+        // A second look, where the box has shrunk much, sees more.
+        for (int pass = 0; pass < 2; ++pass) {
+            const Vec3 before = cell.tight.size();
+            if (!look_into(found, cell.tight)) return false;
+            const Vec3 after = cell.tight.size();
+            if (after.x * after.y * after.z > kShrunkMuch * before.x * before.y * before.z) break;
+        }
+        found.flat = is_flat(cell);
+        return true;
+    }
+
+    /// The same for a box in the cell that holds all of the surface in it.
+    [[nodiscard]] bool look_into(Found& found, const Box box) const {
         const auto at = intervals(box);
         const auto fg = evaluate_at<Interval, 4>(cells.field_.gradient(), at);
         const auto excluded = [&](const Interval& f) {
             return f.empty() || f.lo > found.noise || f.hi < -found.noise;
         };
         if (excluded(fg[0])) return false;
-        found.cell.continuous = fg[0].continuous;
-        found.cell.gradient = {fg[1], fg[2], fg[3]};
-        if (fg[0].continuous && bounded(fg[1]) && bounded(fg[2]) && bounded(fg[3])) {
-            // f(x) = f(c) + ∇f(ξ)·(x − c)
-            const Vec3 c = box.center();
-            Interval f = evaluate_at<Interval, 1>(cells.field_.value(), {Interval(c.x), Interval(c.y), Interval(c.z)})[0];
-            for (std::size_t axis = 0; axis < 3; ++axis)
-                f = f + fg[axis + 1] * (at[axis] - Interval(c[static_cast<int>(axis)]));
-            if (excluded(intersect(f, fg[0]))) return false;
+        FieldCell& cell = found.cell;
+        cell.continuous = cell.continuous && fg[0].continuous;
+        cell.gradient = {fg[1], fg[2], fg[3]};
+        found.noise = std::min(found.noise, evaluate_at<Rounded, 1>(cells.field_.value(), {Rounded(at[0], 0),
+                                                                                           Rounded(at[1], 0),
+                                                                                           Rounded(at[2], 0)})[0]
+                                                .error);
+        if (excluded(fg[0])) return false;
+        if (!fg[0].continuous || !std::ranges::all_of(cell.gradient, bounded)) return true;
+        const Vec3 c = box.center();
+        const auto middle =
+            evaluate_at<Interval, 4>(cells.field_.gradient(), {Interval(c.x), Interval(c.y), Interval(c.z)});
+        std::array<Interval, 3> off;  // x − c
+        for (std::size_t axis = 0; axis < 3; ++axis) off[axis] = at[axis] - Interval(c[static_cast<int>(axis)]);
+        if (curvature_is_worth_it) bend(cell, middle, at, off);
+        // f(x) = f(c) + ∇f(ξ)·(x − c)
+        Interval f = middle[0];
+        for (std::size_t axis = 0; axis < 3; ++axis) f = f + cell.gradient[axis] * off[axis];
+        return !excluded(intersect(f, fg[0])) && shrink(found, c, middle[0], off);
+    }
+
+    /// Of cells along which lines can be thrown, those that most lines miss are not worth being kept whole.
+    void probe(std::vector<Found>& all) const {
+        parallel_for(all.size(), 64, [&](std::size_t begin, std::size_t end) {
+            std::array<std::vector<double>, 3> at;
+            std::vector<double> f(2 * kProbes + PointEvaluator::kRoom);
+            for (auto& each : at) each.resize(2 * kProbes + PointEvaluator::kRoom);
+            for (std::size_t i = begin; i < end; ++i) {
+                Found& found = all[i];
+                if (!found.flat) continue;
+                const std::size_t a = steepest(found.cell);
+                const Box& box = found.cell.tight;
+                for (std::size_t k = 0; k < 2 * kProbes; ++k) {
+                    // Fibonacci's lattice
+                    const double place[3] = {k < kProbes ? 0.0 : 1.0, (static_cast<double>(k % kProbes) + 0.5) / kProbes,
+                                             std::fmod(0.5 + 0.618033988749895 * static_cast<double>(k % kProbes), 1)};
+                    for (std::size_t j = 0; j < 3; ++j) {
+                        const auto axis = static_cast<int>((a + j) % 3);
+                        at[(a + j) % 3][k] = box.lo[axis] + place[j] * (box.hi[axis] - box.lo[axis]);
+                    }
+                }
+                double* const out[] = {f.data()};
+                values(2 * kProbes, at[0].data(), at[1].data(), at[2].data(), out);
+                std::size_t hits = 0;
+                for (std::size_t k = 0; k < kProbes; ++k) hits += positive(f[k]) != positive(f[k + kProbes]) ? 1U : 0U;
+                found.flat = hits >= kWantedHits;
+            }
+        });
+    }
+
+    [[nodiscard]] static bool monotone_somewhere(const FieldCell& cell) {
+        return cell.monotone(0) || cell.monotone(1) || cell.monotone(2);
+    }
+    [[nodiscard]] static std::size_t steepest(const FieldCell& cell) {
+        const auto least = [&](std::size_t axis) {
+            return cell.monotone(axis) ? abs(cell.gradient[axis]).lo : 0;
+        };
+        const std::size_t best = least(1) > least(0) ? 1 : 0;
+        return least(2) > least(best) ? 2 : best;
+    }
+
+    /// ∇f(x) = ∇f(c) + H(ξ)(x − c): in small cells much tighter than the gradient's own interval.
+    void bend(FieldCell& cell, const std::array<Interval, 4>& middle, const std::array<Interval, 3>& at,
+              const std::array<Interval, 3>& off) const {
+        const auto fgh = evaluate_at<Interval, 10>(cells.field_.hessian(), at);
+        constexpr std::size_t kPlace[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
+        for (std::size_t i = 0; i < 3; ++i) {
+            Interval g = middle[1 + i];
+            for (std::size_t j = 0; j < 3; ++j) g = g + fgh[kPlace[i][j]] * off[j];
+            if (bounded(g)) cell.gradient[i] = intersect(cell.gradient[i], g);
         }
-        const Rounded f = evaluate_at<Rounded, 1>(
-            cells.field_.value(), {Rounded(at[0], 0), Rounded(at[1], 0), Rounded(at[2], 0)})[0];
-        found.noise = std::min(found.noise, f.error);
-        found.flat = is_flat(found.cell);
+    }
+
+    /// The box of those x with |f(x)| <= noise: f(c) + Σ g_j (x_j − c_j) solved for each x_i in turn. False if
+    /// there are none.
+    [[nodiscard]] static bool shrink(Found& found, const Vec3& c, const Interval& f_middle, std::array<Interval, 3> off) {
+        FieldCell& cell = found.cell;
+        const Interval f = f_middle + Interval(-found.noise, found.noise);
+        for (std::size_t i = 0; i < 3; ++i) {
+            if (cell.gradient[i].has_zero()) continue;
+            Interval rest = f;
+            for (std::size_t j = 0; j < 3; ++j)
+                if (j != i) rest = rest + cell.gradient[j] * off[j];
+            off[i] = intersect(off[i], -(rest / cell.gradient[i]));
+            if (off[i].empty()) return false;
+            const auto axis = static_cast<int>(i);
+            // With room, so that signs at the ends are certain where the surface is flat in the box.
+            const double room = kShrinkRoom * (cell.tight.hi[axis] - cell.tight.lo[axis]);
+            cell.tight.lo[axis] = std::max(cell.tight.lo[axis], c[axis] + off[i].lo - room);
+            cell.tight.hi[axis] = std::min(cell.tight.hi[axis], c[axis] + off[i].hi + room);
+        }
         return true;
     }
 
@@ -114,7 +222,8 @@ struct FieldCells::Builder {
     }
 
     [[nodiscard]] std::vector<FieldCell> build(const Limits& limits) const {
-        const auto steps = static_cast<double>(cells.field_.gradient().steps.size() + cells.field_.value().steps.size());
+        auto steps = static_cast<double>(2 * cells.field_.gradient().steps.size() + cells.field_.value().steps.size());
+        if (curvature_is_worth_it) steps += static_cast<double>(cells.field_.hessian().steps.size());
         const auto at_most = [&](std::size_t limit, double evaluations) {
             return std::min(limit, static_cast<std::size_t>(kMostWork / (evaluations * steps)) + 8);
         };
@@ -123,21 +232,29 @@ struct FieldCells::Builder {
 
         std::vector<FieldCell> done;
         double done_faces = 0;
-        Found root{{{0, 0, 0}, kPlanes, false, {}}, kInfinity, false};
-        // The noise of the whole box decides nothing: it is infinite until a cell has its own.
+        // Nothing is known of its noise.
+        Found root{{{0, 0, 0}, kPlanes, false, {}, {}}, kInfinity, false};
         std::vector<Found> pending;
         if (look(root)) pending.push_back(root);
         for (double face = 1; !pending.empty(); face /= 4) {
-            if (done.size() + pending.size() >= wanted) {
-                const auto rough = std::stable_partition(pending.begin(), pending.end(), [](const Found& f) { return f.flat; });
-                for (auto f = pending.begin(); f != rough; ++f) done.push_back(f->cell);
-                done_faces += static_cast<double>(rough - pending.begin()) * face;
-                pending.erase(pending.begin(), rough);
-            }
+            probe(pending);
+            const auto finish = [&](auto&& ready) {
+                const auto rest = std::stable_partition(pending.begin(), pending.end(), ready);
+                for (auto f = pending.begin(); f != rest; ++f) done.push_back(f->cell);
+                done_faces += static_cast<double>(rest - pending.begin()) * face;
+                pending.erase(pending.begin(), rest);
+            };
+            const bool enough = done.size() + pending.size() >= wanted;
+            const auto full = [&] { return enough && done.size() + 4 * pending.size() > most; };
+            if (enough) finish([](const Found& f) { return f.flat; });
+            // What is left then are those that no line along one axis serves.
+            if (full()) finish([](const Found& f) { return monotone_somewhere(f.cell); });
             const double left = static_cast<double>(pending.size()) * face;
-            const bool full = done.size() + 4 * pending.size() > most && done.size() + pending.size() >= wanted;
-            if (pending.empty() || full || pending.front().cell.extent <= 4 ||
-                (!done.empty() && left < kLeastShareLeft * (left + done_faces)))
+            const double share = left / (left + done_faces);
+            // Few cells, around points, may as well be cut further.
+            const bool few = static_cast<double>(pending.size()) < kFewCells * static_cast<double>(done.size());
+            if (pending.empty() || (full() && !few) || pending.front().cell.extent <= 4 ||
+                share < (few ? kLeastShareOfFew : kLeastShareLeft))
                 break;
             pending = split(pending);
         }
@@ -148,7 +265,9 @@ struct FieldCells::Builder {
 
 FieldCells::FieldCells(Expression f, const Box& bounds, const Limits& limits)
     : field_(std::move(f)), isolator_(field_), bounds_(bounds) {
-    cells_ = Builder{*this}.build(limits);
+    // Second derivatives say nothing about kinks, and those of long formulas are too many.
+    const bool curvature = !field_.has_kinks() && field_.gradient().steps.size() < kMostGradientSteps;
+    cells_ = Builder{*this, curvature, PointEvaluator(field_.value())}.build(limits);
     cells_.shrink_to_fit();
 }
 
@@ -212,7 +331,7 @@ FieldRoot FieldCells::refine(const Vec3& origin, const Vec3& direction, double l
 
 void FieldCells::cross(const FieldCell& cell, const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,
                        std::vector<FieldRoot>& roots, IsolationStats& stats) const {
-    // Where the line enters and leaves. Half-open along axes across which it does not move.
+    // Where the line enters and leaves the cell, not the box in it: neighbours share these places. Half-open along axes across which it does not move.
     double lo = t_lo;
     double hi = t_hi;
     for (int axis = 0; axis < 3; ++axis) {

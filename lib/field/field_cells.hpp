@@ -1,7 +1,7 @@
 // The surface f = 0 in a box as cells of an octree: what sampler and truth share of a formula.
 //
-// Intervals throw away cells without a zero, and bound the gradient in those that stay. Where a component of the gradient
-// keeps its sign, a line along that axis crosses the surface at most once, and two values of f tell whether: certain
+// Intervals throw away cells without a zero, bound the gradient in those that stay, and shrink them to a box around
+// their part of the surface. Where a component of the gradient keeps its sign, a line along that axis crosses the surface at most once, and two values of f tell whether: certain
 // for two evaluations. Cells are cut until that holds along one axis and the gradient's direction varies little, or
 // until what is left of the surface is not worth it.
 //
@@ -27,6 +27,7 @@ struct FieldCell {
     std::uint32_t extent = 0;             // 2^(kDepth − level)
     bool continuous = false;              // f is, all over the cell; otherwise gradients say nothing
     std::array<Interval, 3> gradient;
+    Box tight;  // within the cell; all of the surface that is in the cell is in it
 
     /// Whether f is strictly monotone along an axis.
     [[nodiscard]] bool monotone(std::size_t axis) const {
@@ -42,7 +43,7 @@ struct FieldRoot {
 
 struct FieldCellLimits {
     std::size_t wanted = 1 << 13;  // all cells are cut until there are so many …
-    std::size_t most = 1 << 17;    // … and none when there are so many
+    std::size_t most = 1 << 18;    // … and none when there are so many
 };
 
 class FieldCells {

@@ -72,12 +72,15 @@ bool cross_field(const LineView& view, const FieldBlock& block, std::uint32_t pi
     const double newton = t0 - f * per_slope;
     const double t1 = newton + f * f * (bend_lo - f0 * turn);
     const auto inside = [&](double t) { return t >= lo && t <= hi; };
-    const double guess = inside(t1) ? t1 : inside(newton) ? newton : t0;
-    x[a] = guess;
-    const auto fg = evaluate_at<4>(field.gradient(), x);
-    FieldStep step{guess - fg[0] / fg[1 + a], {fg[1], fg[2], fg[3]}};
-    if (!(std::abs(step.root - guess) <= kSmallStep * (hi - lo)))
-        step = refine_slowly(field, a, x, lo, hi, f0 < 0);
+    FieldStep step{inside(t1) ? t1 : inside(newton) ? newton : t0, {}};
+    bool close = false;
+    for (int k = 0; k < kPlainSteps && !close && inside(step.root); ++k) {
+        x[a] = step.root;
+        const auto fg = evaluate_at<4>(field.gradient(), x);
+        step = {x[a] - fg[0] / fg[1 + a], {fg[1], fg[2], fg[3]}};
+        close = std::abs(step.root - x[a]) <= kSmallStep * (hi - lo);
+    }
+    if (!close) step = refine_slowly(field, a, x, lo, hi, f0 < 0);
     x[a] = step.root;
     Triple reach{};
     reach[a] = p.reach;

@@ -52,15 +52,18 @@ struct FieldBlock {
 void cross_fields(const LineView& view, const FieldBlock& block, const LineWords& words, std::uint32_t count,
                   PointChunk& out);
 
-/// A root and the gradient there, on the way to it.
+/// A root and the gradient there, or so near that it makes no difference.
 struct FieldStep {
     double root = 0;
     std::array<double, 3> gradient{};
 };
-/// For the few lines whose third guess was not close enough: Newton with halving, from the bracket.
+/// For the few lines that plain steps of Newton's do not serve: with halving, from the bracket.
 [[nodiscard]] FieldStep refine_slowly(const Expression& field, std::size_t axis, std::array<double, 3> x, double lo,
                                       double hi, bool rising);
-/// A step of Newton's so small, of the bracket, leaves an error below rounding.
-inline constexpr double kSmallStep = 0x1p-22;
+/// After a step of Newton's so small, of the bracket, the next would be smaller than 2^-34 of it times the bend of f,
+/// which is below 1: 1e-12 of the surface, a thousandth of what a particle's depth resolves.
+inline constexpr double kSmallStep = 0x1p-17;
+/// Plain steps before a line is refined slowly.
+inline constexpr int kPlainSteps = 3;
 
 }  // namespace pellucid

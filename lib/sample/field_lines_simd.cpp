@@ -21,6 +21,8 @@ struct alignas(64) FieldLanes {
     double value[kChunkRoom];
     double gradient[3][kChunkRoom];
     std::uint64_t piece[kChunkRoom], line[kChunkRoom];
+    std::uint64_t far[kChunkRoom];  // lanes whose last step was too large
+    double far_across[2][kChunkRoom], far_guess[kChunkRoom], far_value[kChunkRoom], far_gradient[3][kChunkRoom];
 };
 
 }  // namespace
@@ -40,6 +42,38 @@ void evaluate_lanes(const PointEvaluator& program, int axis, std::size_t count, 
     at[(axis + 1) % 3] = lanes.across[0];
     at[(axis + 2) % 3] = lanes.across[1];
     program(count, at[0], at[1], at[2], out);
+}
+
+/// A step of Newton's for the lanes in lanes.far; how many stay there. Those whose guess has left the bracket do not
+/// move: they are for refine_slowly.
+template <int a>
+std::size_t step_again(const FieldBlock& block, FieldLanes& lanes, std::size_t far) {
+    for (std::size_t i = 0; i < far; ++i) {
+        const std::size_t lane = lanes.far[i];
+        lanes.far_across[0][i] = lanes.across[0][lane];
+        lanes.far_across[1][i] = lanes.across[1][lane];
+        lanes.far_guess[i] = lanes.guess[lane];
+    }
+    const double* at[3];
+    at[a] = lanes.far_guess;
+    at[(a + 1) % 3] = lanes.far_across[0];
+    at[(a + 2) % 3] = lanes.far_across[1];
+    double* const out[] = {lanes.far_value, lanes.far_gradient[0], lanes.far_gradient[1], lanes.far_gradient[2]};
+    block.programs->gradient(far, at[0], at[1], at[2], out);
+    std::size_t left = 0;
+    for (std::size_t i = 0; i < far; ++i) {
+        const std::size_t lane = lanes.far[i];
+        const double guess = lanes.far_guess[i];
+        bool close = false;
+        if (guess >= lanes.lo[lane] && guess <= lanes.hi[lane]) {
+            const double root = guess - lanes.far_value[i] / lanes.far_gradient[a][i];
+            close = std::abs(root - guess) <= kSmallStep * (lanes.hi[lane] - lanes.lo[lane]);
+            lanes.guess[lane] = root;
+            for (std::size_t axis = 0; axis < 3; ++axis) lanes.gradient[axis][lane] = lanes.far_gradient[axis][i];
+        }
+        if (!close) lanes.far[left++] = lane;
+    }
+    return left;
 }
 
 template <int a>
@@ -123,27 +157,32 @@ void fields_along(const LineView& view, const FieldBlock& block, const LineWords
         hn::Store(hn::IfThenElse(inside(t1), t1, hn::IfThenElse(inside(newton), newton, t0)), d, lanes.guess + i);
     }
 
-    // A step of Newton's for all, more for the few that need it.
+    // A step of Newton's for all, …
     double* const with_gradient[] = {lanes.value, lanes.gradient[0], lanes.gradient[1], lanes.gradient[2]};
     evaluate_lanes(block.programs->gradient, a, n, lanes, lanes.guess, with_gradient);
+    std::size_t far = 0;
     for (std::size_t i = 0; i < n; i += step) {
         const V guess = hn::Load(d, lanes.guess + i);
         const V root = hn::Sub(guess, hn::Div(hn::Load(d, lanes.value + i), hn::Load(d, lanes.gradient[a] + i)));
         const V width = hn::Sub(hn::Load(d, lanes.hi + i), hn::Load(d, lanes.lo + i));
         const Mask close = hn::Le(hn::Abs(hn::Sub(root, guess)), hn::Mul(all(kSmallStep), width));
         hn::Store(root, d, lanes.guess + i);
-        if (hn::CountTrue(d, hn::And(close, hn::FirstN(d, n - i))) == std::min(step, n - i)) continue;
-        HWY_ALIGN double is_close[HWY_MAX_BYTES / sizeof(double)];
-        hn::Store(hn::IfThenElseZero(close, all(1.0)), d, is_close);
-        for (std::size_t k = i; k < std::min(n, i + step); ++k) {
-            if (is_close[k - i] != 0) continue;
-            std::array<double, 3> x{};
-            x[b] = lanes.across[0][k];
-            x[c] = lanes.across[1][k];
-            const FieldStep slow = refine_slowly(block.programs->field, a, x, lanes.lo[k], lanes.hi[k], lanes.f_lo[k] < 0);
-            lanes.guess[k] = slow.root;
-            for (std::size_t axis = 0; axis < 3; ++axis) lanes.gradient[axis][k] = slow.gradient[axis];
-        }
+        const Packer packed(hn::AndNot(close, hn::FirstN(d, n - i)));
+        if (packed.count == 0) continue;
+        hn::StoreU(packed(hn::Iota(du, i)), du, lanes.far + far);
+        far += packed.count;
+    }
+    // … and more for the few that need it.
+    for (int k = 1; k < kPlainSteps && far > 0; ++k) far = step_again<a>(block, lanes, far);
+    for (std::size_t i = 0; i < far; ++i) {
+        const std::size_t lane = lanes.far[i];
+        std::array<double, 3> x{};
+        x[b] = lanes.across[0][lane];
+        x[c] = lanes.across[1][lane];
+        const FieldStep slow =
+            refine_slowly(block.programs->field, a, x, lanes.lo[lane], lanes.hi[lane], lanes.f_lo[lane] < 0);
+        lanes.guess[lane] = slow.root;
+        for (std::size_t axis = 0; axis < 3; ++axis) lanes.gradient[axis][lane] = slow.gradient[axis];
     }
 
     for (std::size_t i = 0; i < n; i += step) {

@@ -196,7 +196,8 @@ struct LineSampler::Weights {
     std::vector<double> lines;
     std::array<std::vector<FieldPiece>, 3> fields;  // along each axis
     std::array<std::vector<double>, 3> field_weights;
-    std::vector<double> field_line_weights;
+    std::array<std::vector<FieldLines>, FieldCells::kMostRoots + 1> field_lines;  // by their K
+    std::array<std::vector<double>, FieldCells::kMostRoots + 1> field_line_weights;
 };
 
 LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id)
@@ -443,18 +444,20 @@ void LineSampler::add_blocks(Kind kind, int axis, std::size_t offset, std::span<
 /// Adds what can be seen of a formula's cells.
 void LineSampler::add_fields(const FieldCells& cells, Weights& weights) {
     programs_ = std::make_shared<FieldPrograms>(cells.field());
-    // K of the lines along all edges: the most that any cell has.
-    for (const FieldCell& cell : cells.cells())
-        if (!cell.monotone(0) && !cell.monotone(1) && !cell.monotone(2))
-            for (int axis = 0; axis < 3; ++axis) field_labels_ = std::max(field_labels_, cells.most_roots(cell, axis));
     for (std::size_t i = 0; i < cells.cells().size(); ++i)
-        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cells.box(cells.cells()[i]), 0, weights);
+        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cells.cells()[i].tight, 0, weights);
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::size_t offset = fields_.size();
         fields_.insert(fields_.end(), weights.fields[axis].begin(), weights.fields[axis].end());
         add_blocks(Kind::fields, static_cast<int>(axis), offset, weights.field_weights[axis]);
     }
-    add_blocks(Kind::field_lines, 0, 0, weights.field_line_weights);
+    // The lines of a block have the same K.
+    for (std::size_t labels = 1; labels < weights.field_lines.size(); ++labels) {
+        const std::size_t offset = field_lines_.size();
+        const auto& lines = weights.field_lines[labels];
+        field_lines_.insert(field_lines_.end(), lines.begin(), lines.end());
+        add_blocks(Kind::field_lines, static_cast<int>(labels), offset, weights.field_line_weights[labels]);
+    }
 }
 
 /// The largest that |g·ρ|/|g_a| (constant law) or |N|/|g_a| (oblique) can be in a box of a cell in which f is
@@ -513,6 +516,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
     }
     std::array<double, 3> reach = view_.reach;
     std::array<double, 3> along{};
+    std::array<std::size_t, 3> labels{};
     if (best < 0) {
         if (view_.perspective && view_.constant_law)
             for (int k = 0; k < 3; ++k) {
@@ -522,7 +526,8 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
         whole = 0;
         for (int axis = 0; axis < 3; ++axis) {
             const auto a = static_cast<std::size_t>(axis);
-            along[a] = field_labels_ * edge_weight(to_world_, box, axis, reach[a], nearest, area->least);
+            labels[a] = static_cast<std::size_t>(cells.most_roots(cell, axis));
+            along[a] = static_cast<double>(labels[a]) * edge_weight(to_world_, box, axis, reach[a], nearest, area->least);
             whole += along[a];
         }
     }
@@ -531,8 +536,9 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
     const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
     if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && whole > 1))) {
         std::array<std::size_t, 3> before{};
-        for (std::size_t a = 0; a < 3; ++a) before[a] = weights.fields[a].size();
-        const std::size_t lines_before = field_lines_.size();
+        std::array<std::size_t, FieldCells::kMostRoots + 1> lines_before{};
+        for (std::size_t a = 0; a < before.size(); ++a) before[a] = weights.fields[a].size();
+        for (std::size_t k = 0; k < lines_before.size(); ++k) lines_before[k] = weights.field_lines[k].size();
         std::array<Box, 8> parts;
         const int part_count = cut(box, parts);
         double sum = 0;
@@ -543,8 +549,10 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
             weights.fields[a].resize(before[a]);
             weights.field_weights[a].resize(before[a]);
         }
-        field_lines_.resize(lines_before);
-        weights.field_line_weights.resize(lines_before);
+        for (std::size_t k = 0; k < lines_before.size(); ++k) {
+            weights.field_lines[k].resize(lines_before[k]);
+            weights.field_line_weights[k].resize(lines_before[k]);
+        }
     }
     FieldPiece piece{triple(box.lo), triple(box.hi), best_reach, edge_bound(nearest, area->least)};
     if (best >= 0) {
@@ -554,8 +562,8 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
     }
     for (std::size_t a = 0; a < 3; ++a) {
         if (!(along[a] > 0)) continue;
-        field_lines_.push_back({piece, reach, index, static_cast<int>(a)});
-        weights.field_line_weights.push_back(along[a]);
+        weights.field_lines[labels[a]].push_back({piece, reach, index, static_cast<int>(a)});
+        weights.field_line_weights[labels[a]].push_back(along[a]);
     }
     return whole;
 }
@@ -623,7 +631,7 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
     return Point{view, camera_->view_vector(normal)};
 }
 
-std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, double u, double v,
+std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, int labels, double u, double v,
                                                     Vec3& place) const {
     thread_local std::vector<FieldRoot> roots;
     roots.clear();
@@ -640,7 +648,7 @@ std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, dou
     along[a] = 1;
     IsolationStats stats;
     cells.cross(cells.cells()[lines.cell], place, along, lo[a], hi[a], roots, stats);
-    const auto most = static_cast<std::size_t>(field_labels_);
+    const auto most = static_cast<std::size_t>(labels);
     if (roots.size() > most) {
         stats.undecided += roots.size() - most;
         roots.resize(most);
@@ -682,8 +690,8 @@ std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, cons
         case Kind::field_lines: {
             const FieldLines& lines = field_lines_[block.first + piece];
             Vec3 place;
-            const auto roots = field_roots(lines, bits.u(), bits.v(), place);
-            const auto label = static_cast<std::size_t>(chosen_label(bits.choice(), field_labels_));
+            const auto roots = field_roots(lines, block.axis, bits.u(), bits.v(), place);
+            const auto label = static_cast<std::size_t>(chosen_label(bits.choice(), block.axis));
             if (label >= roots.size()) return std::nullopt;
             return keep_field_root(block, lines, place, roots[label], bits.chance());
         }
@@ -872,7 +880,7 @@ void LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64
 int LineSampler::block_crossings(std::size_t block) const {
     const Block& b = blocks_[block];
     if (b.kind == Kind::box) return b.box.labels;
-    if (b.kind == Kind::field_lines) return field_labels_;
+    if (b.kind == Kind::field_lines) return b.axis;
     return b.kind == Kind::lines ? object_->geometry->max_crossings() : 1;
 }
 
@@ -904,7 +912,7 @@ void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t gro
             const Bits bits(seed, object_id_, group, (static_cast<std::uint64_t>(block) << 32U) | i);
             const FieldLines& lines = field_lines_[b.first + b.table.pick(bits.second[0], bits.second[1])];
             Vec3 place;
-            const auto roots = field_roots(lines, bits.u(), bits.v(), place);
+            const auto roots = field_roots(lines, labels, bits.u(), bits.v(), place);
             for (std::size_t l = 0; l < roots.size(); ++l) {
                 const auto label = static_cast<int>(l);
                 if (const auto point =

@@ -121,7 +121,7 @@ private:
     enum class Kind : std::uint8_t { flat_patches, flat_parts, cells, box, fields, field_lines, lines };
     struct Block {
         Kind kind;
-        int axis;
+        int axis;  // of field_lines: K
         std::size_t first;  // of its pieces
         double virtual_pixels;
         AliasTable table;
@@ -158,8 +158,8 @@ private:
                                               const LinePoint& found) const;
     [[nodiscard]] std::optional<Point> trial_on(const Block& block, const Bits& bits) const;
     /// Roots of the line through `place`, which is set on the face across the piece's axis; they hold until the next call.
-    [[nodiscard]] std::span<const FieldRoot> field_roots(const FieldLines& piece, double u, double v,
-                                                         Vec3& place) const;
+    [[nodiscard]] std::span<const FieldRoot> field_roots(const FieldLines& piece, int labels, double u,
+                                                         double v, Vec3& place) const;
     [[nodiscard]] std::optional<Point> keep_field_root(const Block& block, const FieldLines& piece, Vec3 place,
                                                        const FieldRoot& root, double chance) const;
     const Body& body_of_piece(const Piece& piece, Body& own) const;
@@ -182,7 +182,6 @@ private:
     std::vector<CellRecord> cells_;
     std::vector<FieldPiece> fields_;
     std::vector<FieldLines> field_lines_;
-    int field_labels_ = 1;  // K of field_lines_
     std::shared_ptr<const FieldPrograms> programs_;
     std::shared_ptr<Doubts> doubts_;
     std::vector<FlatPiece> flats_;

@@ -49,7 +49,7 @@ public:
 
 private:
     [[nodiscard]] Body body_of(const FieldCell& cell) const {
-        const Box box = cells_.box(cell);
+        const Box& box = cell.tight;
         const Vec3 size = box.size();
         return {Body::Kind::parallelepiped,
                 to_world_.point(box.lo),
