@@ -29,6 +29,9 @@ struct Cluster {
     bool cut_short;   // not subdivided to the end
 };
 
+/// A cluster longer than this share of the interval, where f is zero but for rounding, may hold anything.
+constexpr double kMostNoise = 1e-6;
+
 enum class Sign : signed char { negative, positive, undefined };
 
 struct Scratch {
@@ -164,7 +167,7 @@ private:
     }
     const double found = at_p <= at_q ? p : q;
     const double looked = a + (b - a) * best / kLooks;
-    return size(found) <= size(looked) ? found : looked;
+    return size(found) < size(looked) ? found : looked;
 }
 
 class Subdivision {
@@ -203,13 +206,9 @@ private:
                 return;
             }
             if (!tiny && narrow(s, slope, stack)) return;
-            // All noise of rounding: smaller pieces say no more.
-            const bool noise = s.at_a.has_zero() && s.at_b.has_zero() &&
-                               value.width() <= 4 * (s.at_a.width() + s.at_b.width());
-            if (noise) return leave({s.a, s.b, true, false});
         }
         if (tiny) return leave({s.a, s.b, value.continuous, false});
-        halve(s, stack);
+        halve(s, value, stack);
     }
 
     /// From both ends f can fall no faster than its slope: cuts off what has no root.
@@ -238,7 +237,7 @@ private:
         return true;
     }
 
-    void halve(const Stretch& s, std::vector<Stretch>& stack) const {
+    void halve(const Stretch& s, const Interval& value, std::vector<Stretch>& stack) {
         // Not where the sign is unsure, if that can be had.
         double m = middle(s.a, s.b);
         Interval at_m = f_.at(m);
@@ -249,6 +248,10 @@ private:
                 at_m = f_.at(m);
             }
         }
+        // All noise of rounding: smaller pieces say no more.
+        if (value.continuous && s.at_a.has_zero() && at_m.has_zero() && s.at_b.has_zero() &&
+            value.width() <= 4 * (s.at_a.width() + s.at_b.width()))
+            return leave({s.a, s.b, true, false});
         stack.push_back({m, s.b, at_m, s.at_b});
         stack.push_back({s.a, m, s.at_a, at_m});
     }
@@ -284,7 +287,7 @@ private:
         const Interval interval_b = f_.at(c.b);
         Sign at_a = f_.sign(c.a, interval_a);
         Sign at_b = f_.sign(c.b, interval_b);
-        bool doubt = c.cut_short;
+        bool doubt = c.cut_short || c.b - c.a > kMostNoise * (hi_ - lo_);
 
         // Where f is defined at one end alone: from there to the edge.
         if (at_a == Sign::undefined && at_b == Sign::undefined) {
@@ -305,7 +308,9 @@ private:
             change_of_sign(c, at_b, doubt);
         } else if (c.cut_short || c.a > lo_ || c.b < hi_ || sure(interval_a) || sure(interval_b)) {
             same_sign(c, at_a, doubt);
-        }  // else f is 0 all along, as far as doubles can tell
+        } else {
+            doubt = false;  // f is 0 all along, as far as doubles can tell
+        }
         stats_.undecided += doubt ? 1U : 0U;
     }
 
@@ -343,7 +348,8 @@ private:
             append(follow_signs(f_, c.a, t, f_.sign(t, at_t)).second, false);
             append(follow_signs(f_, t, c.b, sign).second, false);
         } else if (!sure(at_t) && !at_t.empty()) {
-            append(t, true);
+            // At an end of the interval there is no other side to have the same sign.
+            if (t > lo_ && t < hi_) append(t, true);
         } else {
             doubt = true;
         }
