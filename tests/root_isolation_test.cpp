@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -553,6 +554,22 @@ TEST(Roots, AscendAndMostRootsIsKept) {
     }
     EXPECT_EQ(isolator(surfaces()[0].formula).most_roots(), 6);
     EXPECT_EQ(isolator("sin(x)").most_roots(), 0);
+}
+
+TEST(Roots, IntervalsOfEveryLengthAreBroughtToAnEnd) {
+    const double most = std::numeric_limits<double>::max();
+    for (const char* formula : {"x", "x^3-x", "sin(x)", "exp(x)-2", "1/x", "x*abs(x)"}) {
+        const RootIsolator f = isolator(formula);
+        for (const Ray& ray : {x_axis(-most, most), x_axis(-1e300, 1e200), x_axis(0, most)})
+            for (const Root& root : isolate(f, ray).roots) EXPECT_TRUE(root.t >= ray.lo && root.t <= ray.hi) << formula;
+    }
+    // Between neighbouring doubles there is room for one crossing.
+    const double pi = std::acos(-1.0);  // below π, so sin > 0
+    const double above = std::nextafter(pi, 4);
+    for (const char* formula : {"sin(x)", "-sin(x)", "abs(sin(x))*(3.2-x)"}) {
+        const std::size_t expected = formula[0] == 'a' ? 0 : 1;
+        EXPECT_EQ(isolate(isolator(formula), x_axis(pi, above)).crossings(), expected) << formula;
+    }
 }
 
 TEST(Roots, AppendToWhatIsThere) {

@@ -482,6 +482,7 @@ struct ExactPiece {
     Integers b;
     cpp_int start = 0, width = 1;
     unsigned shift = 0;
+    bool several = false;  // roots, or none
 };
 
 [[nodiscard]] int sign_changes(const Integers& b) {
@@ -528,8 +529,8 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
     }
 }
 
-/// Pieces with one root each, ascending. False where two roots are closer than 2^-depth, and then as many as were told
-/// apart. Terminates for depth = ∞ only if no root is multiple.
+/// Pieces with one root each, ascending, or of 2^-most_shift with several or none. False if there are any of these;
+/// multiple roots always come to that.
 [[nodiscard]] bool isolate_in_integers(const Integers& c, unsigned most_shift, std::vector<ExactPiece>& isolated) {
     const auto d = static_cast<int>(c.size()) - 1;
     cpp_int common = 1;
@@ -546,6 +547,8 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
             isolated.push_back(std::move(p));
         } else if (p.shift >= most_shift) {
             apart = false;
+            p.several = true;
+            isolated.push_back(std::move(p));
         } else {
             stack.resize(stack.size() + 2);
             split(p, stack.back(), stack[stack.size() - 2]);
@@ -587,7 +590,7 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
 
 /// Multiple roots are suspected when a bisection gets here; two different roots may be closer than the second.
 constexpr unsigned kSuspicion = 48;
-constexpr unsigned kMostShift = 1000;
+constexpr unsigned kMostShift = 256;
 
 struct ShareRoot {
     double u;
@@ -610,9 +613,14 @@ void isolate_exactly(Integers c, std::vector<ShareRoot>& roots, IsolationStats& 
         for (const ExactPiece& p : isolated) roots.push_back({locate(p), false});
     } else {
         isolated.clear();
-        if (!isolate_in_integers(square_free(c), kMostShift, isolated)) ++stats.undecided;
+        (void)isolate_in_integers(square_free(c), kMostShift, isolated);
         for (const ExactPiece& p : isolated) {
             const bool touching = sign_at(c, p.start, p.shift) == sign_at(c, p.start + p.width, p.shift);
+            if (p.several) {
+                ++stats.undecided;
+                if (!touching) roots.push_back({ratio(p.start, p.shift), false});
+                continue;
+            }
             stats.touching += touching ? 1U : 0U;
             roots.push_back({locate(p), touching});
         }

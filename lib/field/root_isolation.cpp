@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 #include "core/interval.hpp"
@@ -51,8 +52,7 @@ public:
     [[nodiscard]] Interval at(double t) const {
         const auto x = [t](double o, double d) { return Interval(o) + Interval(d) * Interval(t); };
         std::array<Interval, 1> out;
-        run_program<Interval>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
-                      scratch_.intervals, out);
+        run_program<Interval>(f_, along(x), scratch_.intervals, out);
         return out[0];
     }
 
@@ -63,25 +63,22 @@ public:
             return Dual<Interval>(Interval(o) + slope * Interval(a, b), slope);
         };
         std::array<Dual<Interval>, 1> out;
-        run_program<Dual<Interval>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
-                            scratch_.boxes, out);
+        run_program<Dual<Interval>>(f_, along(x), scratch_.boxes, out);
         if (out[0].slope.empty()) out[0].slope = Interval::everything(false);
         return out[0];
     }
 
     [[nodiscard]] double value(double t) const {
+        const auto x = [t](double o, double d) { return Real(o + d * t); };
         std::array<Real, 1> out;
-        run_program<Real>(f_, {Real(origin_.x + direction_.x * t), Real(origin_.y + direction_.y * t),
-                       Real(origin_.z + direction_.z * t)},
-                  scratch_.numbers, out);
+        run_program<Real>(f_, along(x), scratch_.numbers, out);
         return out[0].value;
     }
 
     [[nodiscard]] Dual<Real> value_and_slope(double t) const {
         const auto x = [t](double o, double d) { return Dual<Real>(Real(o + d * t), Real(d)); };
         std::array<Dual<Real>, 1> out;
-        run_program<Dual<Real>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
-                        scratch_.points, out);
+        run_program<Dual<Real>>(f_, along(x), scratch_.points, out);
         return out[0];
     }
 
@@ -96,12 +93,22 @@ public:
     [[nodiscard]] Sign sign(double t) const { return sign(t, at(t)); }
 
 private:
+    /// The three coordinates, each made by coordinate(origin, direction).
+    template <class Coordinate>
+    [[nodiscard]] std::array<std::invoke_result_t<Coordinate, double, double>, 3> along(
+        const Coordinate& coordinate) const {
+        return {coordinate(origin_.x, direction_.x), coordinate(origin_.y, direction_.y),
+                coordinate(origin_.z, direction_.z)};
+    }
+
     const Program& f_;
     Vec3 origin_, direction_;
     Scratch& scratch_;
 };
 
-[[nodiscard]] double middle(double a, double b) { return a + 0.5 * (b - a); }
+[[nodiscard]] double middle(double a, double b) {
+    return std::isfinite(b - a) ? a + 0.5 * (b - a) : 0.5 * a + 0.5 * b;
+}
 [[nodiscard]] bool neighbours(double a, double b) { return !(std::nextafter(a, b) < b); }
 /// The interval at a point tells the sign.
 [[nodiscard]] bool sure(const Interval& at) { return at.lo > 0 || at.hi < 0; }
@@ -144,14 +151,17 @@ private:
     };
     // From a dense look, so that the pieces' own extremum is between neighbours.
     constexpr int kLooks = 32;
+    const auto look = [&](int i) {
+        const double share = static_cast<double>(std::clamp(i, 0, kLooks)) / kLooks;
+        return std::clamp(a * (1 - share) + b * share, a, b);
+    };
     int best = 0;
     double least = std::numeric_limits<double>::infinity();
     for (int i = 0; i <= kLooks; ++i) {
-        const double v = size(a + (b - a) * i / kLooks);
+        const double v = size(look(i));
         if (v < least) least = v, best = i;
     }
-    double lo = a + (b - a) * std::max(0, best - 1) / kLooks;
-    double hi = std::min(b, a + (b - a) * std::min(kLooks, best + 1) / kLooks);
+    double lo = look(best - 1), hi = look(best + 1);
     double p = lo + kGolden * (hi - lo), q = hi - kGolden * (hi - lo);
     double at_p = size(p), at_q = size(q);
     for (int iteration = 0; iteration < 100 && p < q; ++iteration) {
@@ -166,14 +176,14 @@ private:
         }
     }
     const double found = at_p <= at_q ? p : q;
-    const double looked = a + (b - a) * best / kLooks;
+    const double looked = look(best);
     return size(found) < size(looked) ? found : looked;
 }
 
 class Subdivision {
 public:
     Subdivision(const Line& f, double lo, double hi, std::vector<Root>& roots, IsolationStats& stats)
-        : f_(f), lo_(lo), hi_(hi), least_(kLeastShare * (hi - lo)), roots_(roots), stats_(stats) {}
+        : f_(f), lo_(lo), hi_(hi), least_(kLeastShare * hi - kLeastShare * lo), roots_(roots), stats_(stats) {}
 
     void run_all(std::vector<Stretch>& stack) {
         stack.clear();
@@ -287,7 +297,7 @@ private:
         const Interval interval_b = f_.at(c.b);
         Sign at_a = f_.sign(c.a, interval_a);
         Sign at_b = f_.sign(c.b, interval_b);
-        bool doubt = c.cut_short || c.b - c.a > kMostNoise * (hi_ - lo_);
+        bool doubt = c.cut_short || c.b - c.a > kMostNoise * hi_ - kMostNoise * lo_;
 
         // Where f is defined at one end alone: from there to the edge.
         if (at_a == Sign::undefined && at_b == Sign::undefined) {
