@@ -113,8 +113,8 @@ private:
 /// The interval at a point tells the sign.
 [[nodiscard]] bool sure(const Interval& at) { return at.lo > 0 || at.hi < 0; }
 
-/// The one change of sign in [a, b], where f is monotone: Newton, halving where a step leaves the bracket or does not
-/// shrink, to the spacing of doubles.
+/// The one change of sign in [a, b], where f is monotone: Newton, halving where a step leaves the bracket or
+/// does not shrink, to the spacing of doubles.
 [[nodiscard]] double refine(const Line& f, double a, double b, bool rising) {
     double lo = a, hi = b;
     double t = middle(a, b);
@@ -133,7 +133,8 @@ private:
     return t;
 }
 
-/// Neighbouring doubles with different signs, from different signs at a and b. `sign_b` may be undefined on neither.
+/// Neighbouring doubles with different signs, from different signs at a and b. `sign_b` may be undefined on
+/// neither.
 [[nodiscard]] std::pair<double, double> follow_signs(const Line& f, double a, double b, Sign at_b) {
     while (!neighbours(a, b)) {
         const double m = middle(a, b);
@@ -183,7 +184,12 @@ private:
 class Subdivision {
 public:
     Subdivision(const Line& f, double lo, double hi, std::vector<Root>& roots, IsolationStats& stats)
-        : f_(f), lo_(lo), hi_(hi), least_(kLeastShare * hi - kLeastShare * lo), roots_(roots), stats_(stats) {}
+        : f_(f),
+          lo_(lo),
+          hi_(hi),
+          least_(kLeastShare * hi - kLeastShare * lo),
+          roots_(roots),
+          stats_(stats) {}
 
     void run_all(std::vector<Stretch>& stack) {
         stack.clear();
@@ -385,8 +391,8 @@ RootIsolator::RootIsolator(Expression f) {
     state_ = std::make_shared<const State>(State{std::move(f), std::move(polynomial)});
 }
 
-void RootIsolator::isolate(const Vec3& origin, const Vec3& direction, double lo, double hi, std::vector<Root>& roots,
-                           IsolationStats& stats) const {
+void RootIsolator::isolate(const Vec3& origin, const Vec3& direction, double lo, double hi,
+                           std::vector<Root>& roots, IsolationStats& stats) const {
     if (polynomial()) isolate_polynomial(origin, direction, lo, hi, roots, stats);
     else isolate_by_intervals(origin, direction, lo, hi, roots, stats);
 }
