@@ -4,6 +4,7 @@
 #include <array>
 #include <cmath>
 #include <functional>
+#include <limits>
 #include <random>
 #include <string>
 #include <vector>
@@ -18,7 +19,7 @@ namespace {
 
 using Number = boost::multiprecision::cpp_rational;
 
-// ---- The oracle: polynomials of t with exact coefficients, and Sturm's theorem -------------------------------------
+// ---- The oracle: polynomials of t with exact coefficients, and Sturm's theorem ----------------------------
 
 struct Powers {
     std::vector<Number> c;  // c[0] + c[1] t + …
@@ -108,7 +109,7 @@ private:
     std::vector<Whole> chain_;
 };
 
-// ---- Surfaces and lines --------------------------------------------------------------------------------------------
+// ---- Surfaces and lines -----------------------------------------------------------------------------------
 
 struct Surface {
     const char* name;
@@ -223,13 +224,14 @@ struct Found {
 [[nodiscard]] Ray x_axis(double lo, double hi) { return {Vec3{0.0}, Vec3{1, 0, 0}, lo, hi}; }
 [[nodiscard]] RootIsolator isolator(const std::string& formula) { return RootIsolator(Expression(formula)); }
 
-void expect_roots(const Found& found, const std::vector<double>& expected, double tolerance, const std::string& what) {
+void expect_roots(const Found& found, const std::vector<double>& expected, double tolerance,
+                  const std::string& what) {
     ASSERT_EQ(found.roots.size(), expected.size()) << what;
     for (std::size_t i = 0; i < expected.size(); ++i)
         EXPECT_NEAR(found.roots[i].t, expected[i], tolerance) << what << ", root " << i;
 }
 
-// ---- Polynomials ---------------------------------------------------------------------------------------------------
+// ---- Polynomials ------------------------------------------------------------------------------------------
 
 void compare_with_sturm(const Surface& surface, int lines, int bits, unsigned seed) {
     const RootIsolator f = isolator(surface.formula);
@@ -250,7 +252,8 @@ void compare_with_sturm(const Surface& surface, int lines, int bits, unsigned se
         for (const Root& root : found.roots) {
             const Number t(root.t);
             if (root.touching) {
-                ASSERT_EQ(sturm.roots(t - near, t + near), 1) << surface.name << ", line " << i << ", t = " << root.t;
+                ASSERT_EQ(sturm.roots(t - near, t + near), 1)
+                    << surface.name << ", line " << i << ", t = " << root.t;
             } else {
                 ASSERT_EQ(sturm.sign_at(t + near), -sturm.sign_at(t - near))
                     << surface.name << ", line " << i << ", t = " << root.t;
@@ -281,10 +284,9 @@ TEST(PolynomialRoots, SamplingSignsAtSixtyFourPointsWouldLoseSome) {
         const Ray ray = rays.through_box(2, 5);
         std::size_t changes = 0;
         const auto positive = [&](double t) { return f.at(ray.origin + t * ray.direction) >= 0; };
+        const auto at = [&](int k) { return ray.lo + (ray.hi - ray.lo) * k / 64; };
         for (int k = 0; k < 64; ++k)
-            changes += positive(ray.lo + (ray.hi - ray.lo) * k / 64) != positive(ray.lo + (ray.hi - ray.lo) * (k + 1) / 64)
-                           ? 1U
-                           : 0U;
+            changes += positive(at(k)) != positive(at(k + 1)) ? 1U : 0U;
         lost += changes != isolate(isolator_of_f, ray).crossings() ? 1 : 0;
     }
     EXPECT_GT(lost, 10);
@@ -407,7 +409,8 @@ TEST(Roots, SplittingAnIntervalNeitherLosesNorDoublesACrossing) {
             left.hi = right.lo = m;
             const Found a = isolate(f, left), b = isolate(f, right);
             if (whole.stats.touching + a.stats.touching + b.stats.touching != 0) continue;
-            ASSERT_EQ(a.crossings() + b.crossings(), whole.crossings()) << formula << ", line " << i << " at " << m;
+            ASSERT_EQ(a.crossings() + b.crossings(), whole.crossings())
+                << formula << ", line " << i << " at " << m;
         }
     }
 }
@@ -428,7 +431,7 @@ TEST(PolynomialRoots, KeepAtEveryScaleAndDistance) {
     expect_roots(isolate(high, x_axis(-1e100, 1e100)), {-1, 1}, 1e87, "overflow");
 }
 
-// ---- By intervals --------------------------------------------------------------------------------------------------
+// ---- By intervals -----------------------------------------------------------------------------------------
 
 TEST(IntervalRoots, AreThoseOfThePolynomialPath) {
     Rays rays(31);
@@ -553,6 +556,23 @@ TEST(Roots, AscendAndMostRootsIsKept) {
     }
     EXPECT_EQ(isolator(surfaces()[0].formula).most_roots(), 6);
     EXPECT_EQ(isolator("sin(x)").most_roots(), 0);
+}
+
+TEST(Roots, IntervalsOfEveryLengthAreBroughtToAnEnd) {
+    const double most = std::numeric_limits<double>::max();
+    for (const char* formula : {"x", "x^3-x", "sin(x)", "exp(x)-2", "1/x", "x*abs(x)"}) {
+        const RootIsolator f = isolator(formula);
+        for (const Ray& ray : {x_axis(-most, most), x_axis(-1e300, 1e200), x_axis(0, most)})
+            for (const Root& root : isolate(f, ray).roots)
+                EXPECT_TRUE(root.t >= ray.lo && root.t <= ray.hi) << formula;
+    }
+    // Between neighbouring doubles there is room for one crossing.
+    const double pi = std::acos(-1.0);  // below π, so sin > 0
+    const double above = std::nextafter(pi, 4);
+    for (const char* formula : {"sin(x)", "-sin(x)", "abs(sin(x))*(3.2-x)"}) {
+        const std::size_t expected = formula[0] == 'a' ? 0 : 1;
+        EXPECT_EQ(isolate(isolator(formula), x_axis(pi, above)).crossings(), expected) << formula;
+    }
 }
 
 TEST(Roots, AppendToWhatIsThere) {

@@ -7,7 +7,8 @@ namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// The C library's functions are within one unit (glibc manual, known maximum errors), so the truth is within two.
+/// The C library's functions are within one unit (glibc manual, known maximum errors), so the truth is within
+/// two.
 [[nodiscard]] double library_down(double value) { return round_down(round_down(value)); }
 [[nodiscard]] double library_up(double value) { return round_up(round_up(value)); }
 
@@ -78,8 +79,8 @@ constexpr double kMostArgument = 1e15;
 
 Interval operator*(const Interval& a, const Interval& b) {
     if (a.empty() || b.empty()) return Interval::nothing();
-    return keep_sign(hull_of_ends(a.lo * b.lo, a.lo * b.hi, a.hi * b.lo, a.hi * b.hi, a.continuous && b.continuous),
-                     a, b);
+    const bool continuous = a.continuous && b.continuous;
+    return keep_sign(hull_of_ends(a.lo * b.lo, a.lo * b.hi, a.hi * b.lo, a.hi * b.hi, continuous), a, b);
 }
 
 Interval operator/(const Interval& a, const Interval& b) {
@@ -93,8 +94,8 @@ Interval operator/(const Interval& a, const Interval& b) {
         const bool positive = (a.lo >= 0) == (b.lo == 0);
         return positive ? Interval(least, kInfinity, false) : Interval(-kInfinity, -least, false);
     }
-    return keep_sign(hull_of_ends(a.lo / b.lo, a.lo / b.hi, a.hi / b.lo, a.hi / b.hi, a.continuous && b.continuous),
-                     a, b);
+    const bool continuous = a.continuous && b.continuous;
+    return keep_sign(hull_of_ends(a.lo / b.lo, a.lo / b.hi, a.hi / b.lo, a.hi / b.hi, continuous), a, b);
 }
 
 Interval power(const Interval& a, int exponent) {
@@ -133,7 +134,8 @@ Interval exp(const Interval& a) {
 Interval log(const Interval& a) {
     if (a.empty() || a.hi <= 0) return Interval::nothing();
     const bool inside = a.lo > 0;
-    return {inside ? library_down(std::log(a.lo)) : -kInfinity, library_up(std::log(a.hi)), a.continuous && inside};
+    const double lo = inside ? library_down(std::log(a.lo)) : -kInfinity;
+    return {lo, library_up(std::log(a.hi)), a.continuous && inside};
 }
 
 Interval sin(const Interval& a) {

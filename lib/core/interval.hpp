@@ -1,8 +1,9 @@
 // Intervals that contain every value that exact arithmetic could give: results are rounded outwards.
 //
-// An interval also knows whether its formula is surely defined and continuous all over the box it came from. Where it
-// may not be (a division by an interval with zero, a root or logarithm that reaches below zero), the bounds still
-// hold for the points where the formula has a value. Bounds are never NaN; ±infinity is a bound like any other.
+// An interval also knows whether its formula is surely defined and continuous all over the box it came from.
+// Where it may not be (a division by an interval with zero, a root or logarithm that reaches below zero), the
+// bounds still hold for the points where the formula has a value. Bounds are never NaN; ±infinity is a bound
+// like any other.
 #pragma once
 
 #include <cmath>
@@ -34,8 +35,8 @@ struct Interval {
 };
 
 /// A double below (above) every real number that rounds to x; at most two units away.
-/// S. M. Rump, P. Zimmermann, S. Boldo, G. Melquiond, Computing predecessor and successor in rounding to nearest,
-/// BIT Numerical Mathematics 49 (2009), algorithm 1.
+/// S. M. Rump, P. Zimmermann, S. Boldo, G. Melquiond, Computing predecessor and successor in rounding to
+/// nearest, BIT Numerical Mathematics 49 (2009), algorithm 1.
 [[nodiscard]] inline double round_down(double x) {
     constexpr double kUnit = 0x1p-53 * (1 + 0x1p-52);
     // Infinity as a lower bound is a sum or product that overflowed: above the largest double.
@@ -58,8 +59,8 @@ struct Interval {
 
 [[nodiscard]] Interval operator*(const Interval& a, const Interval& b);
 
-/// Where b has 0 inside: not continuous, and the whole line, or half of it where a has one sign and 0 is an end of b;
-/// empty where b is 0.
+/// Where b has 0 inside: not continuous, and the whole line, or half of it where a has one sign and 0 is an
+/// end of b; empty where b is 0.
 [[nodiscard]] Interval operator/(const Interval& a, const Interval& b);
 
 [[nodiscard]] inline Interval square(const Interval& a) {

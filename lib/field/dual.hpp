@@ -32,7 +32,8 @@ namespace detail {
 
 [[nodiscard]] inline Real slope_of_root(Real slope, Real root) { return slope / (Real(2.0) * root); }
 [[nodiscard]] inline Interval slope_of_root(const Interval& slope, const Interval& root) {
-    if (root.hi == 0) return Interval::everything(false);  // not empty: what it is multiplied with may be constant
+    // Not empty: what stands under the root may be constant.
+    if (root.hi == 0) return Interval::everything(false);
     return slope / (Interval(2.0) * root);
 }
 

@@ -17,10 +17,10 @@ using Plan = LinePolynomial::Plan;
 
 constexpr std::size_t kRoom = kMostLineDegree + 1;
 
-// ---- Numbers that a coefficient can be -----------------------------------------------------------------------------
+// ---- Numbers that a coefficient can be --------------------------------------------------------------------
 
-/// A double and the sum of magnitudes that made it: after k roundings the error is below k·2^-53·magnitude, to first
-/// order (N. J. Higham, Accuracy and Stability of Numerical Algorithms, lemma 3.1).
+/// A double and the sum of magnitudes that made it: after k roundings the error is below k·2^-53·magnitude,
+/// to first order (N. J. Higham, Accuracy and Stability of Numerical Algorithms, lemma 3.1).
 struct Bounded {
     double value = 0;
     double magnitude = 0;
@@ -29,8 +29,9 @@ struct Bounded {
     static constexpr double kFloor = 0x1p-1000;
 
     static Bounded constant(double v) { return {v, std::abs(v)}; }
-    /// With the roundings of product and sum added back (T. J. Dekker, A floating-point technique for extending the
-    /// available precision, Numerische Mathematik 18, 1971): far origins would otherwise blur every coefficient.
+    /// With the roundings of product and sum added back (T. J. Dekker, A floating-point technique for
+    /// extending the available precision, Numerische Mathematik 18, 1971): far origins would otherwise blur
+    /// every coefficient.
     static Bounded on_line(double origin, double direction, double t) {
         const auto high_half = [](double v) {
             const double scaled = 0x1.0000002p27 * v;
@@ -111,7 +112,7 @@ struct Rational {
     friend void after_product(Rational&) {}
 };
 
-// ---- The formula along a line --------------------------------------------------------------------------------------
+// ---- The formula along a line -----------------------------------------------------------------------------
 
 [[nodiscard]] constexpr int binomial(int n, int k) {
     int choose = 1;
@@ -119,8 +120,8 @@ struct Rational {
     return choose;
 }
 
-/// Coefficients c of Σ c_i u^i v^(d−i), v = 1 − u: Bernstein coefficients times C(d,i). Products of polynomials are
-/// convolutions of these, and u + v = 1 raises the degree.
+/// Coefficients c of Σ c_i u^i v^(d−i), v = 1 − u: Bernstein coefficients times C(d,i). Products of
+/// polynomials are convolutions of these, and u + v = 1 raises the degree.
 template <class C>
 void multiply(const C* a, int a_degree, const C* b, int b_degree, C* out) {
     for (int i = 0; i <= a_degree + b_degree; ++i) {
@@ -203,7 +204,7 @@ const C* along_line(const Plan& plan, const Vec3& origin, const Vec3& direction,
     return all.data() + plan.place[plan.program.outputs[0]];
 }
 
-// ---- One simple root in an interval --------------------------------------------------------------------------------
+// ---- One simple root in an interval -----------------------------------------------------------------------
 
 /// Newton squares its error: a step this short, and so much shorter than the one before, is the last.
 constexpr double kLastStep = 0x1p-36;
@@ -214,8 +215,8 @@ struct Refined {
     double slope;  // dp/du there
 };
 
-/// The root of Σ b_i B_i(u), whose coefficients change sign once. Newton, started where the control polygon crosses;
-/// halving where a step leaves the bracket or does not shrink.
+/// The root of Σ b_i B_i(u), whose coefficients change sign once. Newton, started where the control polygon
+/// crosses; halving where a step leaves the bracket or does not shrink.
 [[nodiscard]] Refined refine(const double* b, int d) {
     // With s = u/v, p = v^d g(s) for g = Σ C(d,i) b_i s^i, and p/p' = v² g / (g' − d v g); mirrored beyond ½.
     std::array<double, kRoom> c;
@@ -271,7 +272,7 @@ constexpr double kMostDoubt = 1e-11;
 constexpr double kLeastPiece = 0x1p-30;
 constexpr int kMostCuts = 400;
 
-// ---- In doubles ----------------------------------------------------------------------------------------------------
+// ---- In doubles -------------------------------------------------------------------------------------------
 
 struct Piece {
     std::array<double, kRoom> b, error;  // Bernstein coefficients
@@ -319,7 +320,8 @@ struct Changes {
 /// De Casteljau's scheme at `at`, a multiple of 1/16: `p` becomes the right part.
 void split(Piece& p, int d, double at, Piece& left) {
     const double rest = 1 - at;
-    // At ½ a sum rounds once, elsewhere products round too; a little more for the roundings of the bound itself.
+    // At ½ a sum rounds once, elsewhere products round too; a little more for the roundings of the bound
+    // itself.
     const double unit = at == 0.5 ? 0x1.02p-53 : 0x1.04p-51;
     left.b[0] = p.b[0];
     left.error[0] = p.error[0];
@@ -341,7 +343,8 @@ void split(Piece& p, int d, double at, Piece& left) {
 /// Where pieces are cut: not where a root is, so the sign there must be sure.
 constexpr std::array kCuts{8, 7, 9, 5, 11};
 
-/// Appends the roots u in [0, 1], none of them multiple. False where doubles cannot tell, and then nothing is appended.
+/// Appends the roots u in [0, 1], none of them multiple. False where doubles cannot tell, and then nothing is
+/// appended.
 [[nodiscard]] bool isolate_in_doubles(const Bounded* c, int d, double roundings, std::vector<double>& roots) {
     const std::size_t before = roots.size();
     std::array<Piece, 40> stack;
@@ -389,7 +392,7 @@ constexpr std::array kCuts{8, 7, 9, 5, 11};
     return sure;
 }
 
-// ---- In integers ---------------------------------------------------------------------------------------------------
+// ---- In integers ------------------------------------------------------------------------------------------
 
 using Integers = std::vector<cpp_int>;
 
@@ -477,11 +480,13 @@ void drop_leading_zeros(Integers& p) {
     return quotient(c, common_divisor(c, derivative));
 }
 
-/// Part [start, start + width]/2^shift of [0, 1], and the Bernstein coefficients there times a positive number.
+/// Part [start, start + width]/2^shift of [0, 1], and the Bernstein coefficients there times a positive
+/// number.
 struct ExactPiece {
     Integers b;
     cpp_int start = 0, width = 1;
     unsigned shift = 0;
+    bool several = false;  // roots, or none
 };
 
 [[nodiscard]] int sign_changes(const Integers& b) {
@@ -528,14 +533,16 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
     }
 }
 
-/// Pieces with one root each, ascending. False where two roots are closer than 2^-depth, and then as many as were told
-/// apart. Terminates for depth = ∞ only if no root is multiple.
-[[nodiscard]] bool isolate_in_integers(const Integers& c, unsigned most_shift, std::vector<ExactPiece>& isolated) {
+/// Pieces with one root each, ascending, or of 2^-most_shift with several or none. False if there are any of
+/// these; multiple roots always come to that.
+[[nodiscard]] bool isolate_in_integers(const Integers& c, unsigned most_shift,
+                                       std::vector<ExactPiece>& isolated) {
     const auto d = static_cast<int>(c.size()) - 1;
     cpp_int common = 1;
     for (int i = 0; i <= d; ++i) common = lcm(common, cpp_int(binomial(d, i)));
     std::vector<ExactPiece> stack(1);
-    for (int i = 0; i <= d; ++i) stack[0].b.push_back(c[static_cast<std::size_t>(i)] * (common / binomial(d, i)));
+    for (int i = 0; i <= d; ++i)
+        stack[0].b.push_back(c[static_cast<std::size_t>(i)] * (common / binomial(d, i)));
     bool apart = true;
     while (!stack.empty()) {
         ExactPiece p = std::move(stack.back());
@@ -546,6 +553,8 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
             isolated.push_back(std::move(p));
         } else if (p.shift >= most_shift) {
             apart = false;
+            p.several = true;
+            isolated.push_back(std::move(p));
         } else {
             stack.resize(stack.size() + 2);
             split(p, stack.back(), stack[stack.size() - 2]);
@@ -585,9 +594,10 @@ void split(const ExactPiece& p, ExactPiece& left, ExactPiece& right) {
     return sum.sign();
 }
 
-/// Multiple roots are suspected when a bisection gets here; two different roots may be closer than the second.
+/// Multiple roots are suspected when a bisection gets here; two different roots may be closer than the
+/// second.
 constexpr unsigned kSuspicion = 48;
-constexpr unsigned kMostShift = 1000;
+constexpr unsigned kMostShift = 256;
 
 struct ShareRoot {
     double u;
@@ -610,9 +620,14 @@ void isolate_exactly(Integers c, std::vector<ShareRoot>& roots, IsolationStats& 
         for (const ExactPiece& p : isolated) roots.push_back({locate(p), false});
     } else {
         isolated.clear();
-        if (!isolate_in_integers(square_free(c), kMostShift, isolated)) ++stats.undecided;
+        (void)isolate_in_integers(square_free(c), kMostShift, isolated);
         for (const ExactPiece& p : isolated) {
             const bool touching = sign_at(c, p.start, p.shift) == sign_at(c, p.start + p.width, p.shift);
+            if (p.several) {
+                ++stats.undecided;
+                if (!touching) roots.push_back({ratio(p.start, p.shift), false});
+                continue;
+            }
             stats.touching += touching ? 1U : 0U;
             roots.push_back({locate(p), touching});
         }
@@ -621,8 +636,8 @@ void isolate_exactly(Integers c, std::vector<ShareRoot>& roots, IsolationStats& 
 }
 
 template <class C>
-[[nodiscard]] Integers exact_coefficients(const Plan& plan, int degree, const Vec3& origin, const Vec3& direction,
-                                          double lo, double hi) {
+[[nodiscard]] Integers exact_coefficients(const Plan& plan, int degree, const Vec3& origin,
+                                          const Vec3& direction, double lo, double hi) {
     std::vector<C> all;
     return integers(along_line(plan, origin, direction, lo, hi, all), degree);
 }
@@ -687,8 +702,8 @@ std::optional<LinePolynomial> LinePolynomial::from(const Program& value) {
     return p;
 }
 
-void LinePolynomial::isolate(const Vec3& origin, const Vec3& direction, double lo, double hi, std::vector<Root>& roots,
-                             IsolationStats& stats) const {
+void LinePolynomial::isolate(const Vec3& origin, const Vec3& direction, double lo, double hi,
+                             std::vector<Root>& roots, IsolationStats& stats) const {
     if (!(lo < hi) || degree_ == 0) return;
     static thread_local std::vector<Bounded> all;
     static thread_local std::vector<double> simple;
@@ -701,7 +716,8 @@ void LinePolynomial::isolate(const Vec3& origin, const Vec3& direction, double l
     };
 
     simple.clear();
-    if (isolate_in_doubles(along_line(plan_, origin, direction, lo, hi, all), degree_, plan_.roundings, simple)) {
+    const Bounded* const coefficients = along_line(plan_, origin, direction, lo, hi, all);
+    if (isolate_in_doubles(coefficients, degree_, plan_.roundings, simple)) {
         for (const double u : simple) append(u, false);
         return;
     }

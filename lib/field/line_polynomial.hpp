@@ -1,9 +1,10 @@
 // Formulas that are polynomials along every line, and their roots there by Descartes' rule of signs.
 //
-// Coefficients stand in Bernstein form on the interval, each with a bound of its rounding error; bisection until the
-// signs leave no root or one (G. E. Collins, A. G. Akritas, Polynomial real root isolation using Descartes' rule of
-// signs, SYMSAC 1976; in Bernstein form: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21, 1981). Where an
-// error bound leaves a sign open, the same is done with integers, and multiple roots are told by the square-free part.
+// Coefficients stand in Bernstein form on the interval, each with a bound of its rounding error; bisection
+// until the signs leave no root or one (G. E. Collins, A. G. Akritas, Polynomial real root isolation using
+// Descartes' rule of signs, SYMSAC 1976; in Bernstein form: J. M. Lane, R. F. Riesenfeld, Bounds on a
+// polynomial, BIT 21, 1981). Where an error bound leaves a sign open, the same is done with integers, and
+// multiple roots are told by the square-free part.
 #pragma once
 
 #include <cstddef>
@@ -21,8 +22,8 @@ inline constexpr int kMostLineDegree = 12;
 
 class LinePolynomial {
 public:
-    /// Empty where the steps are not those of a polynomial of degree <= kMostLineDegree: + − × and whole powers, and
-    /// division by constants. The program has one output. Keeps a copy.
+    /// Empty where the steps are not those of a polynomial of degree <= kMostLineDegree: + − × and whole
+    /// powers, and division by constants. The program has one output. Keeps a copy.
     [[nodiscard]] static std::optional<LinePolynomial> from(const Program& value);
 
     /// Degree by counting, an upper bound.

@@ -6,6 +6,7 @@
 #include <cmath>
 #include <limits>
 #include <optional>
+#include <type_traits>
 #include <utility>
 
 #include "core/interval.hpp"
@@ -29,6 +30,9 @@ struct Cluster {
     bool cut_short;   // not subdivided to the end
 };
 
+/// A cluster longer than this share of the interval, where f is zero but for rounding, may hold anything.
+constexpr double kMostNoise = 1e-6;
+
 enum class Sign : signed char { negative, positive, undefined };
 
 struct Scratch {
@@ -48,8 +52,7 @@ public:
     [[nodiscard]] Interval at(double t) const {
         const auto x = [t](double o, double d) { return Interval(o) + Interval(d) * Interval(t); };
         std::array<Interval, 1> out;
-        run_program<Interval>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
-                      scratch_.intervals, out);
+        run_program<Interval>(f_, along(x), scratch_.intervals, out);
         return out[0];
     }
 
@@ -60,25 +63,22 @@ public:
             return Dual<Interval>(Interval(o) + slope * Interval(a, b), slope);
         };
         std::array<Dual<Interval>, 1> out;
-        run_program<Dual<Interval>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
-                            scratch_.boxes, out);
+        run_program<Dual<Interval>>(f_, along(x), scratch_.boxes, out);
         if (out[0].slope.empty()) out[0].slope = Interval::everything(false);
         return out[0];
     }
 
     [[nodiscard]] double value(double t) const {
+        const auto x = [t](double o, double d) { return Real(o + d * t); };
         std::array<Real, 1> out;
-        run_program<Real>(f_, {Real(origin_.x + direction_.x * t), Real(origin_.y + direction_.y * t),
-                       Real(origin_.z + direction_.z * t)},
-                  scratch_.numbers, out);
+        run_program<Real>(f_, along(x), scratch_.numbers, out);
         return out[0].value;
     }
 
     [[nodiscard]] Dual<Real> value_and_slope(double t) const {
         const auto x = [t](double o, double d) { return Dual<Real>(Real(o + d * t), Real(d)); };
         std::array<Dual<Real>, 1> out;
-        run_program<Dual<Real>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
-                        scratch_.points, out);
+        run_program<Dual<Real>>(f_, along(x), scratch_.points, out);
         return out[0];
     }
 
@@ -93,18 +93,28 @@ public:
     [[nodiscard]] Sign sign(double t) const { return sign(t, at(t)); }
 
 private:
+    /// The three coordinates, each made by coordinate(origin, direction).
+    template <class Coordinate>
+    [[nodiscard]] std::array<std::invoke_result_t<Coordinate, double, double>, 3> along(
+        const Coordinate& coordinate) const {
+        return {coordinate(origin_.x, direction_.x), coordinate(origin_.y, direction_.y),
+                coordinate(origin_.z, direction_.z)};
+    }
+
     const Program& f_;
     Vec3 origin_, direction_;
     Scratch& scratch_;
 };
 
-[[nodiscard]] double middle(double a, double b) { return a + 0.5 * (b - a); }
+[[nodiscard]] double middle(double a, double b) {
+    return std::isfinite(b - a) ? a + 0.5 * (b - a) : 0.5 * a + 0.5 * b;
+}
 [[nodiscard]] bool neighbours(double a, double b) { return !(std::nextafter(a, b) < b); }
 /// The interval at a point tells the sign.
 [[nodiscard]] bool sure(const Interval& at) { return at.lo > 0 || at.hi < 0; }
 
-/// The one change of sign in [a, b], where f is monotone: Newton, halving where a step leaves the bracket or does not
-/// shrink, to the spacing of doubles.
+/// The one change of sign in [a, b], where f is monotone: Newton, halving where a step leaves the bracket or
+/// does not shrink, to the spacing of doubles.
 [[nodiscard]] double refine(const Line& f, double a, double b, bool rising) {
     double lo = a, hi = b;
     double t = middle(a, b);
@@ -123,7 +133,8 @@ private:
     return t;
 }
 
-/// Neighbouring doubles with different signs, from different signs at a and b. `sign_b` may be undefined on neither.
+/// Neighbouring doubles with different signs, from different signs at a and b. `sign_b` may be undefined on
+/// neither.
 [[nodiscard]] std::pair<double, double> follow_signs(const Line& f, double a, double b, Sign at_b) {
     while (!neighbours(a, b)) {
         const double m = middle(a, b);
@@ -141,14 +152,17 @@ private:
     };
     // From a dense look, so that the pieces' own extremum is between neighbours.
     constexpr int kLooks = 32;
+    const auto look = [&](int i) {
+        const double share = static_cast<double>(std::clamp(i, 0, kLooks)) / kLooks;
+        return std::clamp(a * (1 - share) + b * share, a, b);
+    };
     int best = 0;
     double least = std::numeric_limits<double>::infinity();
     for (int i = 0; i <= kLooks; ++i) {
-        const double v = size(a + (b - a) * i / kLooks);
+        const double v = size(look(i));
         if (v < least) least = v, best = i;
     }
-    double lo = a + (b - a) * std::max(0, best - 1) / kLooks;
-    double hi = std::min(b, a + (b - a) * std::min(kLooks, best + 1) / kLooks);
+    double lo = look(best - 1), hi = look(best + 1);
     double p = lo + kGolden * (hi - lo), q = hi - kGolden * (hi - lo);
     double at_p = size(p), at_q = size(q);
     for (int iteration = 0; iteration < 100 && p < q; ++iteration) {
@@ -163,14 +177,19 @@ private:
         }
     }
     const double found = at_p <= at_q ? p : q;
-    const double looked = a + (b - a) * best / kLooks;
-    return size(found) <= size(looked) ? found : looked;
+    const double looked = look(best);
+    return size(found) < size(looked) ? found : looked;
 }
 
 class Subdivision {
 public:
     Subdivision(const Line& f, double lo, double hi, std::vector<Root>& roots, IsolationStats& stats)
-        : f_(f), lo_(lo), hi_(hi), least_(kLeastShare * (hi - lo)), roots_(roots), stats_(stats) {}
+        : f_(f),
+          lo_(lo),
+          hi_(hi),
+          least_(kLeastShare * hi - kLeastShare * lo),
+          roots_(roots),
+          stats_(stats) {}
 
     void run_all(std::vector<Stretch>& stack) {
         stack.clear();
@@ -203,13 +222,9 @@ private:
                 return;
             }
             if (!tiny && narrow(s, slope, stack)) return;
-            // All noise of rounding: smaller pieces say no more.
-            const bool noise = s.at_a.has_zero() && s.at_b.has_zero() &&
-                               value.width() <= 4 * (s.at_a.width() + s.at_b.width());
-            if (noise) return leave({s.a, s.b, true, false});
         }
         if (tiny) return leave({s.a, s.b, value.continuous, false});
-        halve(s, stack);
+        halve(s, value, stack);
     }
 
     /// From both ends f can fall no faster than its slope: cuts off what has no root.
@@ -238,7 +253,7 @@ private:
         return true;
     }
 
-    void halve(const Stretch& s, std::vector<Stretch>& stack) const {
+    void halve(const Stretch& s, const Interval& value, std::vector<Stretch>& stack) {
         // Not where the sign is unsure, if that can be had.
         double m = middle(s.a, s.b);
         Interval at_m = f_.at(m);
@@ -249,6 +264,10 @@ private:
                 at_m = f_.at(m);
             }
         }
+        // All noise of rounding: smaller pieces say no more.
+        if (value.continuous && s.at_a.has_zero() && at_m.has_zero() && s.at_b.has_zero() &&
+            value.width() <= 4 * (s.at_a.width() + s.at_b.width()))
+            return leave({s.a, s.b, true, false});
         stack.push_back({m, s.b, at_m, s.at_b});
         stack.push_back({s.a, m, s.at_a, at_m});
     }
@@ -284,7 +303,7 @@ private:
         const Interval interval_b = f_.at(c.b);
         Sign at_a = f_.sign(c.a, interval_a);
         Sign at_b = f_.sign(c.b, interval_b);
-        bool doubt = c.cut_short;
+        bool doubt = c.cut_short || c.b - c.a > kMostNoise * hi_ - kMostNoise * lo_;
 
         // Where f is defined at one end alone: from there to the edge.
         if (at_a == Sign::undefined && at_b == Sign::undefined) {
@@ -305,7 +324,9 @@ private:
             change_of_sign(c, at_b, doubt);
         } else if (c.cut_short || c.a > lo_ || c.b < hi_ || sure(interval_a) || sure(interval_b)) {
             same_sign(c, at_a, doubt);
-        }  // else f is 0 all along, as far as doubles can tell
+        } else {
+            doubt = false;  // f is 0 all along, as far as doubles can tell
+        }
         stats_.undecided += doubt ? 1U : 0U;
     }
 
@@ -343,7 +364,8 @@ private:
             append(follow_signs(f_, c.a, t, f_.sign(t, at_t)).second, false);
             append(follow_signs(f_, t, c.b, sign).second, false);
         } else if (!sure(at_t) && !at_t.empty()) {
-            append(t, true);
+            // At an end of the interval there is no other side to have the same sign.
+            if (t > lo_ && t < hi_) append(t, true);
         } else {
             doubt = true;
         }
@@ -369,8 +391,8 @@ RootIsolator::RootIsolator(Expression f) {
     state_ = std::make_shared<const State>(State{std::move(f), std::move(polynomial)});
 }
 
-void RootIsolator::isolate(const Vec3& origin, const Vec3& direction, double lo, double hi, std::vector<Root>& roots,
-                           IsolationStats& stats) const {
+void RootIsolator::isolate(const Vec3& origin, const Vec3& direction, double lo, double hi,
+                           std::vector<Root>& roots, IsolationStats& stats) const {
     if (polynomial()) isolate_polynomial(origin, direction, lo, hi, roots, stats);
     else isolate_by_intervals(origin, direction, lo, hi, roots, stats);
 }
