@@ -19,9 +19,9 @@ struct Real {
 [[nodiscard]] inline Real operator*(Real a, Real b) { return Real(a.value * b.value); }
 [[nodiscard]] inline Real operator/(Real a, Real b) { return Real(a.value / b.value); }
 [[nodiscard]] inline Real square(Real a) { return a * a; }
-/// min(a, b): b where a > b, else a (so a NaN in a stays); max likewise.
-[[nodiscard]] inline Real min(Real a, Real b) { return a.value > b.value ? b : a; }
-[[nodiscard]] inline Real max(Real a, Real b) { return a.value < b.value ? b : a; }
+/// NaN where either is: what is undefined stays so. Of equal operands a.
+[[nodiscard]] inline Real min(Real a, Real b) { return a.value > b.value || b.value != b.value ? b : a; }
+[[nodiscard]] inline Real max(Real a, Real b) { return a.value < b.value || b.value != b.value ? b : a; }
 [[nodiscard]] inline Real step(Real a) { return Real(a.value >= 0 ? 1.0 : 0.0); }
 [[nodiscard]] Real abs(Real a);
 [[nodiscard]] Real sqrt(Real a);

@@ -85,10 +85,12 @@ void evaluate(const PointEvaluator::Instruction* begin, std::size_t instructions
             case Op::multiply: each(count, s, to, a, b, [](V u, V v) { return hn::Mul(u, v); }); break;
             case Op::divide: each(count, s, to, a, b, [](V u, V v) { return hn::Div(u, v); }); break;
             case Op::min:
-                each(count, s, to, a, b, [](V u, V v) { return hn::IfThenElse(hn::Gt(u, v), v, u); });
+                each(count, s, to, a, b,
+                     [](V u, V v) { return hn::IfThenElse(hn::Or(hn::Gt(u, v), hn::Not(hn::Eq(v, v))), v, u); });
                 break;
             case Op::max:
-                each(count, s, to, a, b, [](V u, V v) { return hn::IfThenElse(hn::Lt(u, v), v, u); });
+                each(count, s, to, a, b,
+                     [](V u, V v) { return hn::IfThenElse(hn::Or(hn::Lt(u, v), hn::Not(hn::Eq(v, v))), v, u); });
                 break;
         }
     }
