@@ -22,11 +22,14 @@ namespace {
 constexpr int kSets = 4;
 /// Strata a side of a set in the pilot, and the least in what is kept.
 constexpr int kPilotStrata = 4;
+/// Strata a side of a set where 16 sub-rays are all that is asked for.
+constexpr int kFewStrata = 2;
 /// Errors up to this many times what was asked are the scatter of estimates with three degrees of freedom.
 constexpr double kLuckyPilot = 2;
 /// Behind this transmittance nothing is seen: an order below a float's last digit.
 constexpr double kOpaque = 1e-9;
-/// Depths closer than this share of themselves are equal: rounding of the same plane, told twice.
+/// Depths closer than this share of themselves and of the eye's coordinates are equal: rounding of the same place, told
+/// twice.
 constexpr double kCoincident = 1e-13;
 
 struct Rgba {
@@ -82,10 +85,11 @@ public:
         nearest_ = std::numeric_limits<double>::infinity();
         signature = {};
         pool_.clear();
-        for (int set = 0; set < kSets; ++set) {
-            box_[set] = {};
-            trace_set(x, y, strata, set);
-        }
+        for (Rgba& sum : box_) sum = {};
+        if (strata == kFewStrata)
+            trace_all_sets(x, y);
+        else
+            for (int set = 0; set < kSets; ++set) trace_set(x, y, strata, set);
         sub_rays_ = strata * strata;
         if (settings_.filter == PixelFilter::particle) {
             estimate_pooled();
@@ -100,15 +104,14 @@ public:
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     [[nodiscard]] double nearest() const { return nearest_; }
+    [[nodiscard]] const IsolationStats& isolation() const { return found_.patch.stats; }
     [[nodiscard]] double worst_error() const {
         return std::sqrt(std::max({variance.c[0], variance.c[1], variance.c[2], variance.c[3]}));
     }
 
 private:
     void trace_set(int x, int y, int strata, int set) {
-        // Numbered in the whole image, so that a crop has the same pixels.
-        const auto pixel = (static_cast<std::uint64_t>(y + scene_.camera.crop().y0) << 24U) |
-                           static_cast<std::uint64_t>(x + scene_.camera.crop().x0);
+        const std::uint64_t pixel = number(x, y);
         // A packet takes 4×4 neighbouring strata.
         for (int block_y = 0; block_y < strata; block_y += 4)
             for (int block_x = 0; block_x < strata; block_x += 4) {
@@ -130,9 +133,34 @@ private:
             }
     }
 
+    /// Sets of 2 × 2 strata: one packet holds them all.
+    void trace_all_sets(int x, int y) {
+        static_assert(kSets * kFewStrata * kFewStrata == kPacket);
+        std::array<Ray, kPacket> packet;
+        RandomStream random(settings_.seed, {.object = static_cast<std::uint32_t>(Purpose::truth_jitter),
+                                             .repeat = static_cast<std::uint32_t>(kFewStrata * kSets) << 14U,
+                                             .index = number(x, y)});
+        for (int i = 0; i < kPacket; ++i) {
+            const double u = ((i & 1) + unit_interval(random())) / kFewStrata;
+            const double v = ((i >> 1 & 1) + unit_interval(random())) / kFewStrata;
+            packet[static_cast<std::size_t>(i)] = scene_.camera.ray(x + u, y + v);
+        }
+        ray_scene_.gather(packet, found_);
+        rays += kPacket;
+        for (int i = 0; i < kPacket; ++i)
+            add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], i >> 2);
+    }
+
+    /// Of a pixel in the whole image, so that a crop has the same pixels.
+    [[nodiscard]] std::uint64_t number(int x, int y) const {
+        return (static_cast<std::uint64_t>(y + scene_.camera.crop().y0) << 24U) |
+               static_cast<std::uint64_t>(x + scene_.camera.crop().x0);
+    }
+
     void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set) {
         hits += list.size();
         const double ray_length = length(ray.direction);
+        const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)});
         std::uint64_t objects = 0;
         for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
         signature.add(objects, static_cast<std::uint32_t>(list.size()));
@@ -141,7 +169,7 @@ private:
         for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
             // Crossings at one depth are mixed, whatever their order.
             std::size_t end = i + 1;
-            while (end < list.size() && list[end].t - list[i].t <= kCoincident * list[i].t) ++end;
+            while (end < list.size() && list[end].t - list[i].t <= kCoincident * (list[i].t + eye)) ++end;
             mixed_.clear();
             for (; i < end; ++i) {
                 const RayHit& hit = list[i];
@@ -293,6 +321,7 @@ public:
             const std::scoped_lock lock(merging);
             stats.rays += tracer.rays;
             stats.hits += tracer.hits;
+            stats.isolation += tracer.isolation();
             done += end - begin;
             progress(static_cast<double>(done) / static_cast<double>(pixels.size()));
         });
@@ -373,6 +402,11 @@ private:
     void trace_pixel(PixelTracer& tracer, std::size_t i, int strata) {
         const int x = static_cast<int>(i % static_cast<std::size_t>(image.width()));
         const int y = static_cast<int>(i / static_cast<std::size_t>(image.width()));
+        if (settings_.samples) {
+            tracer.trace(x, y, strata, false);
+            keep(tracer, i, strata, tracer.signature, false);
+            return;
+        }
         tracer.trace(x, y, kPilotStrata, true);
         Signature met = tracer.signature;
         // The error falls at least with the strata a side, as the root of the number of sub-rays.
@@ -387,9 +421,14 @@ private:
             tracer.trace(x, y, strata, false);
             met.add(tracer.signature);
         }
+        const bool unresolved = tracer.worst_error() > kLuckyPilot * settings_.max_error ||
+                                (strata < wanted && tracer.worst_error() > settings_.max_error);
+        keep(tracer, i, strata, met, unresolved);
+    }
+
+    void keep(const PixelTracer& tracer, std::size_t i, int strata, const Signature& met, bool unresolved) {
         strata_[i] = strata;
-        unresolved_[i] = tracer.worst_error() > kLuckyPilot * settings_.max_error ||
-                         (strata < wanted && tracer.worst_error() > settings_.max_error);
+        unresolved_[i] = unresolved ? 1 : 0;
         signatures_[i] = met;
         for (std::size_t c = 0; c < 4; ++c) {
             mean_[c][i] = static_cast<float>(tracer.mean.c[c]);
@@ -407,6 +446,13 @@ private:
     const RayScene& rays_;
     const TruthSettings& settings_;
 };
+
+/// Strata a side of each set for so many sub-rays a pixel.
+[[nodiscard]] int strata_of(int samples) {
+    int strata = kFewStrata;
+    while (kSets * strata * strata < samples) strata *= 2;
+    return strata;
+}
 
 /// Doubtful pixels are traced with up to this many strata a side: 1024 sub-rays.
 constexpr int kDoubtStrata = 16;
@@ -427,10 +473,12 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     TruthImage truth(scene, rays, settings);
     std::vector<std::size_t> pixels(truth.image.pixel_count());
     std::iota(pixels.begin(), pixels.end(), std::size_t{0});
-    truth.trace(pixels, kPilotStrata, stats, progress);
+    truth.trace(pixels, settings.samples ? strata_of(*settings.samples) : kPilotStrata, stats, progress);
     // Finding something makes neighbours doubtful in turn: thin things are followed along.
     const int strata = std::min(kDoubtStrata, truth.finest());
-    for (pixels = truth.doubtful(strata); !pixels.empty(); pixels = truth.doubtful(strata)) truth.trace(pixels, strata, stats);
+    if (!settings.samples)
+        for (pixels = truth.doubtful(strata); !pixels.empty(); pixels = truth.doubtful(strata))
+            truth.trace(pixels, strata, stats);
     truth.add_doubt();
     truth.summarise(stats);
     stats.trace_s = watch.lap();

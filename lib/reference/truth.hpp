@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 
 #include "core/image.hpp"
 #include "core/random.hpp"
+#include "field/isolation_stats.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -27,12 +29,15 @@ struct TruthSettings {
     double max_error = 0.002;
     /// … as it does where a pixel would need more than this many; 64, 256, 1024, …
     int max_samples = 4096;
+    /// Exactly so many sub-rays in every pixel, 16, 64, 256, …: no pilot, no second look, whatever the error.
+    std::optional<int> samples = {};
 };
 
 struct TruthStats {
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     std::uint64_t unresolved_pixels = 0;  // those that would have needed more than max_samples
+    IsolationStats isolation;             // what fields could not decide, over all rays
     double worst_error = 0;               // largest standard error of a channel
     double mean_square_error = 0;         // mean over pixels and R, G, B of the squared standard error
     double build_s = 0;
