@@ -137,11 +137,12 @@ bool is_closed(const TriangleMesh& mesh) {
         place.push_back(places.try_emplace({p.x, p.y, p.z}, index(places.size())).first->second);
     std::map<std::pair<std::uint32_t, std::uint32_t>, int> edges;
     for (const Triangle& t : mesh.triangles)
-        for (std::size_t i = 0; i < 3; ++i) ++edges[{place[t[i]], place[t[(i + 1) % 3]]}];
-    return std::ranges::all_of(edges, [&](const auto& edge) {
-        const auto other = edges.find({edge.first.second, edge.first.first});
-        return edge.second == 1 && other != edges.end() && other->second == 1;
-    });
+        for (std::size_t i = 0; i < 3; ++i) {
+            const std::uint32_t a = place[t[i]];
+            const std::uint32_t b = place[t[(i + 1) % 3]];
+            ++edges[{std::min(a, b), std::max(a, b)}];
+        }
+    return std::ranges::all_of(edges, [](const auto& edge) { return edge.second % 2 == 0; });
 }
 
 void write_off(const std::filesystem::path& file, const TriangleMesh& mesh) {

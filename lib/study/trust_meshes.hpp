@@ -12,7 +12,7 @@ namespace pellucid {
 
 struct NamedMesh {
     std::string name;
-    TriangleMesh mesh;  // closed: every edge belongs to two triangles; size about 1, centred near 0
+    TriangleMesh mesh;  // closed; size about 1, centred near 0
 };
 
 /// An icosahedron subdivided `levels` times, vertices on the unit sphere: 20·4^levels triangles.
@@ -26,7 +26,8 @@ struct NamedMesh {
 /// `count` closed plates [-1, 1]² of thickness `gap`, as far apart, around z = 0: layers that a step may jump over.
 [[nodiscard]] TriangleMesh thin_plates(int count, double gap);
 
-/// Every edge belongs to exactly two triangles, in opposite directions. Vertices at one place count as one.
+/// Every edge belongs to an even number of triangles, so that every ray has an even number of hits, on surfaces with
+/// one side too. Vertices at one place count as one.
 [[nodiscard]] bool is_closed(const TriangleMesh& mesh);
 
 /// Triangles as ASCII OFF, coordinates as float32 holds them.

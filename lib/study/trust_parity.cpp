@@ -93,10 +93,10 @@ ParityCount count_parity(const TriangleMesh& mesh, const LineShooter& shooter, c
                 count.hits += hits[i].size();
                 const bool odd = hits[i].size() % 2 == 1;
                 count.odd += odd ? 1U : 0U;
-                // The checked ones are spread evenly; odd ones are looked at anyway.
+                // The checked ones are spread evenly; odd ones among random rays are rare, and looked at anyway.
                 const std::uint64_t number = first + i;
                 const bool checked = number * plan.checked / plan.rays != (number + 1) * plan.checked / plan.rays;
-                if (!odd && !checked) continue;
+                if (!checked && !(odd && plan.aim == Aim::random)) continue;
                 const std::vector<std::uint32_t> right = exact_crossings(mesh, rays[i]);
                 count.odd_short += odd && hits[i].size() < right.size() ? 1U : 0U;
                 if (!checked) continue;

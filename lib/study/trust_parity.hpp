@@ -33,8 +33,8 @@ struct ParityCount {
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     std::uint64_t odd = 0;        // rays with an odd number of hits
-    std::uint64_t odd_short = 0;  // of them: fewer hits than exact arithmetic finds
-    std::uint64_t checked = 0;    // the first rays, compared with exact arithmetic
+    std::uint64_t odd_short = 0;  // of them: fewer hits than exact arithmetic finds; random rays, and checked ones
+    std::uint64_t checked = 0;    // rays spread evenly over all, compared with exact arithmetic
     std::uint64_t lost = 0;       // of them: rays with too few hits
     std::uint64_t doubled = 0;    // rays with too many
     std::uint64_t swapped = 0;    // as many, but other triangles: neighbours of those
