@@ -16,6 +16,7 @@ namespace pellucid {
 struct TrustScene {
     std::string name;
     PreparedScene scene;
+    bool heavy_tailed = false;  // optical depth has no finite variance in some pixels: oblique rims
 };
 
 /// Small pictures of what makes a truth's work hard: edges, thin layers, a silhouette, detail in colour, many layers.
@@ -23,18 +24,22 @@ struct TrustScene {
 ///   folder  where the textured scene may write its image
 [[nodiscard]] std::vector<TrustScene> error_scenes(int pixels, const std::filesystem::path& folder);
 
-/// The spread of many tracings with different seeds beside what each of them said of itself.
+/// The spread of many tracings with different seeds beside what each of them said of itself. Means are over seeds,
+/// pixels and channels R, G, B, A.
+///
+/// Where all sub-rays of a pixel met the same, beside one that met more, the truth states Laplace's rule instead of
+/// their agreement: a floor that errs on the safe side. It is told apart here, for what remains should be exact.
 struct StatedError {
     std::size_t seeds = 0;
-    double stated_variance = 0;    // mean over seeds, pixels and channels R, G, B, A
-    double true_variance = 0;      // of a tracing about the mean of all, unbiased; the same mean
-    double ratio = 0;              // stated over true; 0 where nothing varies
+    double stated_variance = 0;    // without floors
+    double floor_variance = 0;     // the floors alone
+    double true_variance = 0;      // of a tracing about the mean of all, unbiased
+    double ratio = 0;              // stated (without floors) over true; 0 where nothing varies
     double ratio_error = 0;        // its standard error, from the scatter of both sums over the seeds
-    double overstated_share = 0;   // of stated_variance, in pixels and channels that no seed changed
-    double worst_rms = 0;          // largest true standard error of a channel of a pixel
+    double allowed_variance = 0;   // mean of max(stated with floors, asked²): what a user may rely on
     double rms = 0;                // root of true_variance
+    double worst_rms = 0;          // largest true standard error of a channel of a pixel
     double rays_per_pixel = 0;
-    double z_mean_square = 0;      // of (value − mean)²/stated, where stated > 0: heavy-tailed, for the eye alone
 };
 
 struct StatedErrorPlan {
