@@ -1,11 +1,19 @@
 // Every root of a field along a line, certified.
 //
 // Polynomials (degree <= 12 along the line): Bernstein coefficients in floating point with an error bound, bisection by
-// Descartes' rule of signs; where a bound leaves a sign open, exact rational coefficients decide. Everything else:
-// interval subdivision, with the slope's interval to tell monotone pieces, then safeguarded Newton.
+// Descartes' rule of signs; where a bound leaves a sign open, exact integer coefficients decide (line_polynomial.hpp).
+// Everything else: interval subdivision, with the slope's interval to tell monotone pieces, then safeguarded Newton
+// (R. E. Moore, R. B. Kearfott, M. J. Cloud, Introduction to Interval Analysis, 2009, chapter 8).
+//
+// f along the line is the exact function of the doubles given: f(origin + t·direction) with real t.
+// At the ends a value of zero counts as positive, so a root at an end of [lo, hi] is a crossing exactly if f < 0
+// inside beside it. Splitting [lo, hi] at any double then neither loses nor doubles a crossing: one that falls on the
+// split belongs to the part where f < 0. (A split at a root that f < 0 only touches makes two crossings of it, one a
+// part; a split at a root that f > 0 only touches makes none.) f = 0 all along, or lo = hi: no roots.
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <vector>
 
 #include "core/vec.hpp"
@@ -20,17 +28,20 @@ struct Root {
 
 /// What could not be decided, and what was met that is no root.
 struct IsolationStats {
-    std::uint64_t undecided = 0;  // pieces of kLeastShare of the interval that may hold an even number of roots, or
-                                  // (formula not surely continuous) a change of sign that is none
-    std::uint64_t touching = 0;   // roots kept that do not change the sign
+    std::uint64_t undecided = 0;  // clusters of pieces of kLeastShare of the interval that may hold more roots than were
+                                  // given, in even number, or (formula not surely continuous) one that is none
+    std::uint64_t touching = 0;   // roots given that do not change the sign
     std::uint64_t poles = 0;      // changes of sign through infinity or across a gap: no roots
     std::uint64_t exact = 0;      // intervals that needed exact arithmetic
 
     IsolationStats& operator+=(const IsolationStats& more);
 };
 
-/// Roots closer to each other than this share of the interval may be told as one, or as none if their number is even.
+/// Where intervals are subdivided, roots closer to each other than this share of the interval may be told as one, or
+/// as none if their number is even, and are then counted as undecided. Polynomials tell all apart.
 inline constexpr double kLeastShare = 1e-9;
+/// Most pieces of one line where intervals are subdivided. What is left then is a cluster, and undecided.
+inline constexpr int kMostPieces = 100000;
 
 class RootIsolator {
 public:
@@ -44,7 +55,7 @@ public:
 
     /// Most roots that one line can have by degree; 0 = no such bound.
     [[nodiscard]] int most_roots() const;
-    /// The next two for tests and for comparison: each way by itself. Precondition of the first: polynomial(), .
+    /// The next two for tests and for comparison: each way by itself. Precondition of the first: polynomial().
     [[nodiscard]] bool polynomial() const;
     void isolate_polynomial(const Vec3& origin, const Vec3& direction, double lo, double hi, std::vector<Root>& roots,
                             IsolationStats& stats) const;
@@ -52,7 +63,8 @@ public:
                               std::vector<Root>& roots, IsolationStats& stats) const;
 
 private:
-    Expression f_;
+    struct State;
+    std::shared_ptr<const State> state_;
 };
 
 }  // namespace pellucid
