@@ -10,6 +10,7 @@ using namespace pellucid;
 struct Settings {
     ParitySettings parity;
     ClosedFormSettings closed_form;
+    RootSettings roots;
     ImageSettingsOfTrust images;
     RestartSettings restart;
 };
@@ -17,7 +18,7 @@ struct Settings {
 Settings read_settings(const ConfigTable& config) {
     (void)config.integer("seed", 1, {.lo = 0});
     return {read_parity_settings(config.table("parity")), read_closed_form_settings(config.table("closed_form")),
-            read_image_settings(config.table("images")), read_restart_settings(config.table("restart"))};
+            read_root_settings(config.table("roots")), read_image_settings(config.table("images")), read_restart_settings(config.table("restart"))};
 }
 
 void run(Experiment& ex) {
@@ -25,6 +26,7 @@ void run(Experiment& ex) {
     report_parity(ex, s.parity);
     report_closed_form(ex, s.closed_form);
     report_grazing(ex, s.closed_form);
+    report_roots(ex, s.roots);
     report_stated_error(ex, s.images);
     report_particle_filter(ex, s.images);
     report_coincident(ex, s.images);

@@ -8,6 +8,7 @@
 #include "study/trust_meshes.hpp"
 #include "study/trust_parity.hpp"
 #include "study/trust_restart.hpp"
+#include "study/trust_roots.hpp"
 
 namespace pellucid {
 namespace {
@@ -186,6 +187,103 @@ TEST(TrustGrazing, BelowTheRoundingOfTheRayItsSideIsNotWhatWasMeant) {
     const GrazingResult r = measure_grazing(-1e-17, 0, 400, {3});
     EXPECT_LT(r.intended, r.rays);
     EXPECT_GT(r.intended, 0U);
+}
+
+const AlgebraicSurface& surface_called(std::string_view name) {
+    for (const AlgebraicSurface& surface : algebraic_surfaces())
+        if (surface.name == name) return surface;
+    throw std::logic_error("no such surface");
+}
+
+TEST(TrustRoots, ExactCountsOfLinesKnownByHand) {
+    // 4(y² + …) along x: 4x² − 1 = 0 at ±½. The tangle cube along the axis: x⁴ − 5x² + 11.8, discriminant < 0; at
+    // y = z = √2.5 (its two pairs of sheets): x⁴ − 5x² − 0.7, two real roots, −0.7 = 11.8 − 2·6.25.
+    const auto count = [](std::string_view name, const RootLine& line) { return exact_count(surface_called(name), line); };
+    const Vec3 along(1, 0, 0);
+    EXPECT_EQ(count("Cayley cubic", {Vec3(0.0), along, -1, 1}).roots, 2);
+    EXPECT_FALSE(count("Cayley cubic", {Vec3(0.0), along, -1, 1}).signs_differ);
+    EXPECT_EQ(count("Cayley cubic", {Vec3(0.0), along, 0, 1}).roots, 1);
+    EXPECT_TRUE(count("Cayley cubic", {Vec3(0.0), along, 0, 1}).signs_differ);
+    EXPECT_EQ(count("tangle cube", {Vec3(0.0), along, -9, 9}).roots, 0);
+    EXPECT_EQ(count("tangle cube", {Vec3(0, std::sqrt(2.5), std::sqrt(2.5)), along, -9, 9}).roots, 2);
+    EXPECT_EQ(count("tangle cube", {Vec3(0, std::sqrt(2.5), 0), along, -9, 9}).roots, 4);  // x⁴ − 5x² + 5.55
+    // Along z the Barth sextic is b(1 − …): −4·a·…·0 − b(z² − 1)²: double roots at ±1, distinct roots 2.
+    EXPECT_EQ(count("Barth sextic", {Vec3(0.0), {0, 0, 1}, -2, 2}).roots, 2);
+    EXPECT_FALSE(count("Barth sextic", {Vec3(0.0), {0, 0, 1}, -2, 2}).signs_differ);
+}
+
+TEST(TrustRoots, FormulasAreTheSurfacesWrittenByHand) {
+    // The signs of both at random points: a wrong coefficient would turn some.
+    for (const AlgebraicSurface& surface : algebraic_surfaces()) {
+        const Expression f(surface.formula, surface.parameters);
+        EXPECT_EQ(f.degree(), surface.degree) << surface.name;
+        int turned = 0;
+        for (std::uint64_t i = 0; i < 100; ++i) {
+            const RootLine line = root_line(surface, RootAim::random, {8}, i);
+            const bool differ = (f.at(line.origin) >= 0) != (f.at(line.origin + line.hi * line.direction) >= 0);
+            turned += differ ? 1 : 0;
+            EXPECT_EQ(exact_count(surface, line).signs_differ, differ) << surface.name;
+        }
+        if (surface.degree == 3) {
+            EXPECT_GT(turned, 0) << surface.name;
+        }
+        if (surface.name == "tangle cube") {  // closed: all of the sphere around it is outside
+            EXPECT_EQ(turned, 0);
+        }
+    }
+}
+
+TEST(TrustRoots, CertifiedCountsAreSturmsAndSamplingIsCaught) {
+    std::uint64_t missed = 0;
+    for (const AlgebraicSurface& surface : algebraic_surfaces())
+        for (const RootAim aim : {RootAim::random, RootAim::center}) {
+            const RootCounts right = count_roots(surface, certified_roots(surface), aim, 200, 40, {9});
+            EXPECT_EQ(right.lines, 200U);
+            EXPECT_EQ(right.checked, 40U);
+            EXPECT_EQ(right.mismatched, 0U) << surface.name;
+            EXPECT_EQ(right.wrong_parity, 0U) << surface.name;
+            EXPECT_EQ(right.above_degree, 0U) << surface.name;
+            EXPECT_EQ(right.asymmetric, 0U) << surface.name;
+            missed += count_roots(surface, sampled_roots(surface, 16), aim, 40, 40, {9}).mismatched;
+        }
+    EXPECT_GT(missed, 0U);
+}
+
+TEST(TrustRoots, TwelveLinesLieOnTheClebschCubic) {
+    const AlgebraicSurface& clebsch = surface_called("Clebsch cubic");
+    std::set<std::array<double, 6>> different;
+    const FindRoots find = certified_roots(clebsch);
+    for (RootLine line : lines_on_clebsch()) {
+        const Vec3 foot = line.origin - dot(line.origin, line.direction) / dot(line.direction, line.direction) * line.direction;
+        different.insert({foot.x, foot.y, foot.z, line.direction.x, line.direction.y, line.direction.z});
+        EXPECT_EQ(exact_count(clebsch, line).roots, -1);
+        std::vector<Root> roots;
+        IsolationStats stats;
+        find(line, roots, stats);
+        EXPECT_TRUE(roots.empty());
+        // A hair beside it the count is Sturm's.
+        line.origin += 1e-9 * Vec3(1, 2, 4);
+        roots.clear();
+        find(line, roots, stats);
+        EXPECT_EQ(static_cast<int>(roots.size()), exact_count(clebsch, line).roots);
+    }
+    EXPECT_EQ(different.size(), 12U);
+}
+
+TEST(TrustRoots, SpoiledRootsAreSeen) {
+    const AlgebraicSurface& barth = surface_called("Barth sextic");
+    const FindRoots right = certified_roots(barth);
+    const auto spoiled = [&](const std::function<void(std::vector<Root>&)>& spoil, RootAim aim) {
+        return count_roots(barth, [&](const RootLine& line, std::vector<Root>& roots, IsolationStats& stats) {
+            right(line, roots, stats);
+            if (!roots.empty()) spoil(roots);
+        }, aim, 100, 100, {9});
+    };
+    const RootCounts lost = spoiled([](auto& roots) { roots.pop_back(); }, RootAim::random);
+    EXPECT_GT(lost.mismatched, 10U);
+    EXPECT_EQ(lost.wrong_parity, lost.mismatched);
+    EXPECT_GT(spoiled([](auto& roots) { roots.resize(7, roots[0]); }, RootAim::random).above_degree, 10U);
+    EXPECT_GT(spoiled([](auto& roots) { roots[0].t *= 1 + 1e-9; }, RootAim::center).asymmetric, 10U);
 }
 
 TEST(TrustStatedError, IsTrueAndAFactorOfTwoIsSeen) {

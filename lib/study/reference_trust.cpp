@@ -11,6 +11,7 @@
 #include "study/trust_meshes.hpp"
 #include "study/trust_parity.hpp"
 #include "study/trust_restart.hpp"
+#include "study/trust_roots.hpp"
 
 namespace pellucid {
 namespace {
@@ -18,7 +19,7 @@ namespace {
 constexpr IntegerRange kCounts{.lo = 1, .hi = 1'000'000'000'000};
 
 /// Streams of seeds, one a topic.
-enum class Topic : std::uint64_t { parity = 1, closed_form, grazing, stated_error, particle_filter, coincident, restart };
+enum class Topic : std::uint64_t { parity = 1, closed_form, grazing, stated_error, particle_filter, coincident, restart, roots };
 
 Seed seed_of(const Experiment& ex, Topic topic, std::uint64_t row) {
     return derived_seed(derived_seed(ex.seed(), static_cast<std::uint64_t>(topic)), row);
@@ -169,6 +170,58 @@ void report_grazing(Experiment& ex, const ClosedFormSettings& s) {
                 if (delta >= grazing_resolution(offset)) wrong += r.wrong;
             }
     ex.check("grazing: rays told wrongly above the rounding of the ray", static_cast<double>(wrong), "==", 0);
+}
+
+RootSettings read_root_settings(const ConfigTable& t) {
+    return {.lines = static_cast<std::uint64_t>(t.integer("lines", kRequired, kCounts)),
+            .checked = static_cast<std::uint64_t>(t.integer("checked", kRequired, kCounts))};
+}
+
+void report_roots(Experiment& ex, const RootSettings& s) {
+    const auto stage = ex.stage("roots");
+    CsvWriter& csv = ex.csv("roots", {"surface", "degree", "lines_kind", "finder", "lines", "roots", "lines_with_0", "lines_with_1", "lines_with_2",
+                                      "lines_with_3", "lines_with_4", "lines_with_5", "lines_with_6", "above_degree", "asymmetric_lines",
+                                      "checked_lines", "mismatched_lines", "wrong_parity_lines", "touching", "undecided", "exact_intervals"});
+    RootCounts right, twin;  // sums of what must be 0
+    std::uint64_t row = 0;
+    const auto add = [](RootCounts& sum, const RootCounts& more) {
+        sum.above_degree += more.above_degree;
+        sum.asymmetric += more.asymmetric;
+        sum.mismatched += more.mismatched;
+        sum.wrong_parity += more.wrong_parity;
+        sum.stats += more.stats;
+    };
+    for (const AlgebraicSurface& surface : algebraic_surfaces())
+        for (const RootAim aim : {RootAim::random, RootAim::center}) {
+            const Seed seed = seed_of(ex, Topic::roots, row++);
+            const auto measure = [&](const char* finder, const FindRoots& find, std::uint64_t lines) {
+                const RootCounts c = count_roots(surface, find, aim, lines, std::min(lines, s.checked), seed);
+                const auto& with = c.lines_with;
+                csv.row(surface.name, surface.degree, aim == RootAim::random ? "random" : "centre", finder, c.lines, c.roots, with[0], with[1],
+                        with[2], with[3], with[4], with[5], with[6], c.above_degree, c.asymmetric, c.checked, c.mismatched, c.wrong_parity,
+                        c.stats.touching, c.stats.undecided, c.stats.exact);
+                return c;
+            };
+            add(right, measure("certified", certified_roots(surface), s.lines));
+            add(twin, measure("64 samples", sampled_roots(surface, 64), std::min(s.lines, s.checked)));
+        }
+    // On a line that lies on the surface f is 0 all along: no roots, and nothing left open.
+    const AlgebraicSurface& clebsch = algebraic_surfaces()[1];
+    const FindRoots find = certified_roots(clebsch);
+    std::vector<Root> on_it;
+    std::uint64_t off_it = 0;
+    for (const RootLine& line : lines_on_clebsch()) {
+        find(line, on_it, right.stats);
+        off_it += exact_count(clebsch, line).roots == -1 ? 0U : 1U;
+    }
+    ex.check("roots: lines whose count differs from Sturm's theorem", static_cast<double>(right.mismatched), "==", 0);
+    ex.check("roots: lines whose parity differs from the signs at the ends", static_cast<double>(right.wrong_parity), "==", 0);
+    ex.check("roots: lines with more than the degree (Bezout)", static_cast<double>(right.above_degree), "==", 0);
+    ex.check("roots: lines through the centre whose roots are no pairs", static_cast<double>(right.asymmetric), "==", 0);
+    ex.check("roots: left undecided", static_cast<double>(right.stats.undecided), "==", 0);
+    ex.check("roots: of the twelve lines on the Clebsch cubic, not on it", static_cast<double>(off_it), "==", 0);
+    ex.check("roots: found on the lines that lie on it", static_cast<double>(on_it.size()), "==", 0);
+    ex.check("roots, wrong twin, signs at 64 points: lines whose count differs", static_cast<double>(twin.mismatched), ">", 0);
 }
 
 ImageSettingsOfTrust read_image_settings(const ConfigTable& t) {

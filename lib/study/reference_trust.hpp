@@ -35,6 +35,13 @@ struct ClosedFormSettings {
 void report_closed_form(Experiment& ex, const ClosedFormSettings& settings);
 void report_grazing(Experiment& ex, const ClosedFormSettings& settings);
 
+struct RootSettings {
+    std::uint64_t lines, checked;  // a surface and kind of line
+};
+[[nodiscard]] RootSettings read_root_settings(const ConfigTable& config);
+/// roots.csv: a row a surface, kind of line and way of finding.
+void report_roots(Experiment& ex, const RootSettings& settings);
+
 struct ImageSettingsOfTrust {
     int pixels;                       // a side of the small pictures
     std::size_t seeds;

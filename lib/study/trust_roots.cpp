@@ -204,10 +204,8 @@ RootCounts count_roots(const AlgebraicSurface& surface, const FindRoots& find, R
             if (roots.size() > static_cast<std::size_t>(surface.degree)) ++count.above_degree;
             if (surface.even && aim == RootAim::center) {
                 bool pairs = roots.size() % 2 == 0;
-                for (std::size_t k = 0; pairs && k < roots.size(); ++k) {
-                    const double t = roots[k].t;
-                    pairs = std::abs(t + roots[roots.size() - 1 - k].t) <= kPairShare * std::abs(t);
-                }
+                for (std::size_t k = 0; pairs && k < roots.size(); ++k)
+                    pairs = std::abs(roots[k].t + roots[roots.size() - 1 - k].t) <= kPairShare * (line.hi - line.lo);
                 if (!pairs) ++count.asymmetric;
             }
             if (i * checked / lines == (i + 1) * checked / lines) continue;

@@ -64,8 +64,9 @@ struct RootCounts {
     std::uint64_t mismatched = 0;  // another number of distinct roots
     std::uint64_t wrong_parity = 0;  // changes of sign odd where the signs at the ends agree, or even where not
 };
-/// Roots ±t are a pair where they differ by at most this share: four roundings of each.
-inline constexpr double kPairShare = 0x1p-50;
+/// Roots ±t are a pair where they differ by at most this share of the interval: each lies within 1e-11 of it
+/// (kMostDoubt, lib/field/line_polynomial.cpp).
+inline constexpr double kPairShare = 2e-11;
 [[nodiscard]] RootCounts count_roots(const AlgebraicSurface& surface, const FindRoots& find, RootAim aim,
                                      std::uint64_t lines, std::uint64_t checked, Seed seed);
 
