@@ -29,7 +29,9 @@ def draw_parity(ax, table) -> str:
     by_mesh = random.groupby("mesh", sort=False)[["rays", "hits", "odd_rays"]].sum()
     expected = (random.odd_per_1e9_expected * random.rays).groupby(random.mesh, sort=False).sum() / by_mesh.rays
     aimed = table[table.aim != "random"].groupby("aim", sort=False)[["rays", "odd_rays"]].sum()
-    names = [*by_mesh.index, *(f"at {name}" for name in aimed.index)]
+    words = {"vertex": "at vertices", "edge middle": "at edges' middles", "along edge": "along edges",
+             "vertex, along axis": "at vertices, along axes"}
+    names = [*by_mesh.index, *(words.get(name, name) for name in aimed.index)]
     rays = np.concatenate([by_mesh.rays, aimed.rays])
     odd = np.concatenate([by_mesh.odd_rays, aimed.odd_rays])
     lo, hi = garwood(odd)
@@ -64,7 +66,7 @@ def draw_depth(ax, table) -> str:
         ax.plot(worst.index * shift, worst, "-", marker=MARKERS[k], color=COLORS[k], label=shape)
     ax.axhline(DEPTH_LIMIT, color=THEORY, ls="--")
     ax.text(table.far.max() * 2, DEPTH_LIMIT * 0.85, f"limit, {DEPTH_LIMIT}: roundings on the way", ha="right", va="top", color=THEORY, fontsize=8)
-    ax.set(xscale="log", yscale="log", ylim=(0.02, 60), ylabel="largest depth error, units of 2⁻⁵³ · coordinates / |cosθ|",
+    ax.set(xscale="log", yscale="log", ylim=(0.02, 60), ylabel="largest depth error, in units of\n2⁻⁵³ · coordinates / |cosθ|",
            xlabel="distance of camera or of the world's origin, in sizes of the surface")
     ax.legend(ncols=4, loc="lower left")
     panel_letter(ax, "b", f"closed forms: {table.wrong_rays.sum():.0f} of {table.rays.sum():.0f} rays with a wrong count")
@@ -84,8 +86,8 @@ def draw_grazing(ax, table) -> str:
             ax.plot(rows.delta, rows.exact_two / rows.rays, "x", color=THEORY, ms=6, mew=0.8, zorder=1,
                     label="exact, of the rays as rounded" if k == len(offsets) - 1 and side == "inside" else None)
         ax.axvline(table[table.offset_radii == offset].resolution.iloc[0], color=COLORS[k], lw=0.8, ls=":")
-    ax.text(0.03, 0.955, "made to pass inside", transform=ax.transAxes, fontsize=8, color=THEORY, va="top")
-    ax.text(0.03, 0.06, "outside (dashed)", transform=ax.transAxes, fontsize=8, color=THEORY)
+    ax.text(0.03, 0.90, "made to pass inside", transform=ax.transAxes, fontsize=8, color=THEORY, va="top")
+    ax.text(0.03, 0.10, "made to pass outside (dashed)", transform=ax.transAxes, fontsize=8, color=THEORY)
     ax.set(xscale="log", ylim=(-0.08, 1.08), xlabel="δ: rays pass at (1 ± δ) radii from a sphere's centre", ylabel="share with two hits")
     ax.invert_xaxis()
     ax.legend(loc="center left")
@@ -156,9 +158,11 @@ def draw_restart(ax, table) -> str:
     least = stats.gamma.isf(LEVEL / 2, truth.lost_rays.sum() + truth.doubled_rays.sum() + 1) / truth.rays.sum()
     ax.axhline(least, color=THEORY, ls="--")
     found = truth.lost_rays.sum() + truth.doubled_rays.sum()
-    ax.text(twin.epsilon_radii.max(), least * 1.15, f"the truth, same rays: {found:.0f} of {truth.rays.sum():.0f} (line: 95 % bound)", ha="right", va="bottom", color=THEORY, fontsize=8)
-    ax.set(xscale="log", yscale="log", ylim=(7e-6, 3), xlabel="restart by ε, in radii of the mesh", ylabel="share of rays with lost or doubled hits (0 drawn at 10⁻⁵)")
-    ax.legend(loc="upper center", bbox_to_anchor=(0.5, 0.72), ncols=2)
+    ax.text(3e-5, least * 0.85, f"the truth, same rays: {found:.0f} of {truth.rays.sum():.0f} (line: 95 % bound)", ha="center",
+            va="top", color=THEORY, fontsize=8)
+    ax.set(xscale="log", yscale="log", ylim=(7e-6, 3), xlabel="restart by ε, in radii of the mesh", ylabel="share of rays with lost or doubled hits")
+    ax.set_yticks([1e-5, 1e-4, 1e-3, 1e-2, 1e-1, 1], ["0", "$10^{-4}$", "$10^{-3}$", "0.01", "0.1", "1"])
+    ax.legend(loc="upper center", bbox_to_anchor=(0.6, 0.70), ncols=2)
     panel_letter(ax, "f", "wrong twin: nearest hit, then restart behind it")
     worst = share(twin).groupby(twin.epsilon_radii).max()
     return (f"f: the wrong twin, which asks for the nearest hit again and again, loses or doubles hits at every ε on some mesh (worst mesh: at least {100 * worst.min():.0f} % of the "

@@ -1,7 +1,7 @@
 // Is the ray-traced truth right: are its hits all there, its depths exact, its stated error true?
 // configs/reference_trust.toml -> results/reference_trust/ -> analysis/reference_trust.py
-#include "harness/experiment.hpp"
 #include "study/reference_trust.hpp"
+#include "harness/experiment.hpp"
 
 namespace {
 
@@ -17,8 +17,9 @@ struct Settings {
 
 Settings read_settings(const ConfigTable& config) {
     (void)config.integer("seed", 1, {.lo = 0});
-    return {read_parity_settings(config.table("parity")), read_closed_form_settings(config.table("closed_form")),
-            read_root_settings(config.table("roots")), read_image_settings(config.table("images")), read_restart_settings(config.table("restart"))};
+    return {read_parity_settings(config.table("parity")),
+            read_closed_form_settings(config.table("closed_form")), read_root_settings(config.table("roots")),
+            read_image_settings(config.table("images")), read_restart_settings(config.table("restart"))};
 }
 
 void run(Experiment& ex) {

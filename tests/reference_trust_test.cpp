@@ -1,4 +1,5 @@
-// What `reference_trust` measures, at toy size with known answers; and each of its tests rejects what is wrong.
+// What `reference_trust` measures, at toy size with known answers; and each of its tests rejects what is
+// wrong.
 #include <set>
 
 #include "core/parallel.hpp"
@@ -18,8 +19,8 @@ using testing_scenes::test_folder;
 TEST(TrustMeshes, AreClosedAndHaveTheirTriangles) {
     EXPECT_EQ(icosphere(2).triangles.size(), 320U);
     EXPECT_EQ(icosphere(2).positions.size(), 162U);  // Euler: 320·3/2 edges, V − E + F = 2
-    for (const TriangleMesh& mesh :
-         {icosphere(0), icosphere(2), torus_grid(7, 5), cube_mesh(), sliver_prism(5, 1e-3), thin_plates(3, 1e-5)})
+    for (const TriangleMesh& mesh : {icosphere(0), icosphere(2), torus_grid(7, 5), cube_mesh(),
+                                     sliver_prism(5, 1e-3), thin_plates(3, 1e-5)})
         EXPECT_TRUE(is_closed(mesh));
     TriangleMesh open = cube_mesh();
     open.triangles.pop_back();
@@ -47,7 +48,8 @@ TEST(TrustParity, ExactCrossingsOfACubeAreThoseOfItsSlabs) {
 }
 
 TEST(TrustParity, ExactCrossingsAreEvenThroughVerticesEdgesAndFaces) {
-    // Of integers, so that rays hit exactly what they are aimed at: corners, edges, diagonals, along and in faces.
+    // Of integers, so that rays hit exactly what they are aimed at: corners, edges, diagonals, along and in
+    // faces.
     const TriangleMesh cube = cube_mesh();
     std::set<std::size_t> counts;
     for (int x = -2; x <= 2; ++x)
@@ -77,7 +79,9 @@ struct MeshSetUp {
     }
     [[nodiscard]] const TriangleMesh& mesh() const { return *scene.objects[0].geometry->mesh(); }
     [[nodiscard]] Gather truth() const {
-        return [this](std::span<const Ray> rays, std::vector<std::vector<RayHit>>& hits) { shooter.gather(rays, hits); };
+        return [this](std::span<const Ray> rays, std::vector<std::vector<RayHit>>& hits) {
+            shooter.gather(rays, hits);
+        };
     }
 };
 
@@ -85,10 +89,12 @@ TEST(TrustParity, TruthFindsTheHitsOfRandomLinesAtAnyScaleAndPlace) {
     for (const double scale : {1e-6, 1.0, 1e6})
         for (const double offset : {0.0, 1e4}) {
             const MeshSetUp s(icosphere(1), {scale, offset * Vec3(1, -2, 0.5)});
-            const ParityCount count = count_parity(s.mesh(), s.shooter, s.truth(), {Aim::random, 2000, 2000, {3}});
+            const ParityCount count =
+                count_parity(s.mesh(), s.shooter, s.truth(), {Aim::random, 2000, 2000, {3}});
             EXPECT_EQ(count.checked, 2000U);
             EXPECT_EQ(count.lost + count.doubled + count.odd, 0U) << scale << " " << offset;
-            // A convex body of area S: a line through the sphere around its box meets it with chance S/(4πR²).
+            // A convex body of area S: a line through the sphere around its box meets it with chance
+            // S/(4πR²).
             EXPECT_NEAR(static_cast<double>(count.hits) / 4000, 12.0 / (4 * M_PI * 3) * 0.97, 0.08);
         }
 }
@@ -109,8 +115,10 @@ TEST(TrustParity, LostAndDoubledHitsAreSeen) {
         return Gather([right, lose](std::span<const Ray> rays, std::vector<std::vector<RayHit>>& hits) {
             right(rays, hits);
             for (auto& list : hits)
-                if (!list.empty() && lose) list.pop_back();
-                else if (!list.empty()) list.push_back(list.back());
+                if (!list.empty() && lose)
+                    list.pop_back();
+                else if (!list.empty())
+                    list.push_back(list.back());
         });
     };
     const ParityPlan plan{Aim::random, 500, 500, {5}};
@@ -149,9 +157,9 @@ TEST(TrustRestart, IsRightWhereLayersAreFarApart) {
     // The twin is wrong by its epsilon alone: else it would be no twin.
     const MeshSetUp s(icosphere(1));
     const RestartScene twin(s.mesh());
-    const ParityCount count = count_parity(
-        s.mesh(), s.shooter, [&](auto rays, auto& hits) { twin.gather(rays, 1e-5, hits); },
-        {Aim::random, 500, 500, {7}});
+    const ParityCount count =
+        count_parity(s.mesh(), s.shooter, [&](auto rays, auto& hits) { twin.gather(rays, 1e-5, hits); },
+                     {Aim::random, 500, 500, {7}});
     EXPECT_LE(count.lost + count.doubled, 1U);
     EXPECT_GT(count.hits, 300U);
 }
@@ -196,9 +204,11 @@ const AlgebraicSurface& surface_called(std::string_view name) {
 }
 
 TEST(TrustRoots, ExactCountsOfLinesKnownByHand) {
-    // 4(y² + …) along x: 4x² − 1 = 0 at ±½. The tangle cube along the axis: x⁴ − 5x² + 11.8, discriminant < 0; at
-    // y = z = √2.5 (its two pairs of sheets): x⁴ − 5x² − 0.7, two real roots, −0.7 = 11.8 − 2·6.25.
-    const auto count = [](std::string_view name, const RootLine& line) { return exact_count(surface_called(name), line); };
+    // 4(y² + …) along x: 4x² − 1 = 0 at ±½. The tangle cube along the axis: x⁴ − 5x² + 11.8, discriminant <
+    // 0; at y = z = √2.5 (its two pairs of sheets): x⁴ − 5x² − 0.7, two real roots, −0.7 = 11.8 − 2·6.25.
+    const auto count = [](std::string_view name, const RootLine& line) {
+        return exact_count(surface_called(name), line);
+    };
     const Vec3 along(1, 0, 0);
     EXPECT_EQ(count("Cayley cubic", {Vec3(0.0), along, -1, 1}).roots, 2);
     EXPECT_FALSE(count("Cayley cubic", {Vec3(0.0), along, -1, 1}).signs_differ);
@@ -220,7 +230,8 @@ TEST(TrustRoots, FormulasAreTheSurfacesWrittenByHand) {
         int turned = 0;
         for (std::uint64_t i = 0; i < 100; ++i) {
             const RootLine line = root_line(surface, RootAim::random, {8}, i);
-            const bool differ = (f.at(line.origin) >= 0) != (f.at(line.origin + line.hi * line.direction) >= 0);
+            const bool differ =
+                (f.at(line.origin) >= 0) != (f.at(line.origin + line.hi * line.direction) >= 0);
             turned += differ ? 1 : 0;
             EXPECT_EQ(exact_count(surface, line).signs_differ, differ) << surface.name;
         }
@@ -254,7 +265,8 @@ TEST(TrustRoots, TwelveLinesLieOnTheClebschCubic) {
     std::set<std::array<double, 6>> different;
     const FindRoots find = certified_roots(clebsch);
     for (RootLine line : lines_on_clebsch()) {
-        const Vec3 foot = line.origin - dot(line.origin, line.direction) / dot(line.direction, line.direction) * line.direction;
+        const Vec3 foot = line.origin - dot(line.origin, line.direction) /
+                                            dot(line.direction, line.direction) * line.direction;
         different.insert({foot.x, foot.y, foot.z, line.direction.x, line.direction.y, line.direction.z});
         EXPECT_EQ(exact_count(clebsch, line).roots, -1);
         std::vector<Root> roots;
@@ -274,10 +286,12 @@ TEST(TrustRoots, SpoiledRootsAreSeen) {
     const AlgebraicSurface& barth = surface_called("Barth sextic");
     const FindRoots right = certified_roots(barth);
     const auto spoiled = [&](const std::function<void(std::vector<Root>&)>& spoil, RootAim aim) {
-        return count_roots(barth, [&](const RootLine& line, std::vector<Root>& roots, IsolationStats& stats) {
-            right(line, roots, stats);
-            if (!roots.empty()) spoil(roots);
-        }, aim, 100, 100, {9});
+        return count_roots(barth,
+                           [&](const RootLine& line, std::vector<Root>& roots, IsolationStats& stats) {
+                               right(line, roots, stats);
+                               if (!roots.empty()) spoil(roots);
+                           },
+                           aim, 100, 100, {9});
     };
     const RootCounts lost = spoiled([](auto& roots) { roots.pop_back(); }, RootAim::random);
     EXPECT_GT(lost.mismatched, 10U);
@@ -289,7 +303,8 @@ TEST(TrustRoots, SpoiledRootsAreSeen) {
 TEST(TrustStatedError, IsTrueAndAFactorOfTwoIsSeen) {
     const auto scenes = error_scenes(6, test_folder());
     for (const PixelFilter filter : {PixelFilter::box, PixelFilter::particle}) {
-        StatedErrorPlan plan{.truth = {.filter = filter, .max_error = 1, .max_samples = 64}, .seeds = 64, .seed = {4}};
+        StatedErrorPlan plan{
+            .truth = {.filter = filter, .max_error = 1, .max_samples = 64}, .seeds = 64, .seed = {4}};
         const StatedError right = measure_stated_error(scenes[0].scene, plan);
         EXPECT_LT(std::abs(right.ratio - 1), 4 * right.ratio_error);
         EXPECT_LT(right.ratio_error, 0.12);

@@ -18,8 +18,12 @@ constexpr double kMinor = 0.4;                        // of the torus with major
 constexpr std::array<double, 3> kAxes{1, 0.75, 0.5};  // of the ellipsoid: exact in binary
 constexpr double kSlabHalf = 0.25;                    // half of its thickness; its sides are 2 long
 
-DigitsVec digits(const Vec3& v) { return {Digits(v.x), Digits(v.y), Digits(v.z)}; }
-Digits dot3(const DigitsVec& a, const DigitsVec& b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+DigitsVec digits(const Vec3& v) {
+    return {Digits(v.x), Digits(v.y), Digits(v.z)};
+}
+Digits dot3(const DigitsVec& a, const DigitsVec& b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 
 using Powers = std::vector<Digits>;  // a polynomial, constant first
 
@@ -46,8 +50,10 @@ std::vector<Digits> roots(const Powers& p, const Digits& lo, const Digits& hi) {
         if ((value(p, a) > 0) == rises) continue;
         for (int step = 0; step < 150; ++step) {
             const Digits middle = (a + b) / 2;
-            if ((value(p, middle) > 0) == rises) b = middle;
-            else a = middle;
+            if ((value(p, middle) > 0) == rises)
+                b = middle;
+            else
+                a = middle;
         }
         found.push_back((a + b) / 2);
     }
@@ -70,7 +76,7 @@ void add(Powers& a, const Powers& b, const Digits& factor) {
 struct LocalLine {
     std::array<Powers, 3> x;  // each coordinate, linear in t − t0
     Digits t0;
-    Digits reach;             // the surface lies within t0 ± reach
+    Digits reach;  // the surface lies within t0 ± reach
 };
 
 LocalLine local_line(const Ray& ray, const Placement& placement) {
@@ -98,7 +104,8 @@ std::vector<Digits> closed_form(TrustShape shape, const LocalLine& line, const D
             if (line.x[2][1] == 0) continue;
             // The planes keep their places: only their rims grow.
             const Digits t = (side * Digits(kSlabHalf) - line.x[2][0]) / line.x[2][1];
-            if (abs(value(line.x[0], t)) <= 1 + grown && abs(value(line.x[1], t)) <= 1 + grown) found.push_back(t);
+            if (abs(value(line.x[0], t)) <= 1 + grown && abs(value(line.x[1], t)) <= 1 + grown)
+                found.push_back(t);
         }
         std::ranges::sort(found);
     } else {
@@ -135,11 +142,14 @@ std::vector<Surface> surfaces(TrustShape shape, const Affine& to_world) {
         return std::vector{s};
     };
     switch (shape) {
-        case TrustShape::sphere: return implicit("sphere", {{"radius", 1}});
+        case TrustShape::sphere:
+            return implicit("sphere", {{"radius", 1}});
         case TrustShape::ellipsoid:
             return implicit("ellipsoid", {{"a", kAxes[0]}, {"b", kAxes[1]}, {"c", kAxes[2]}});
-        case TrustShape::torus: return implicit("torus", {{"major", 1}, {"minor", kMinor}});
-        case TrustShape::slab: break;
+        case TrustShape::torus:
+            return implicit("torus", {{"major", 1}, {"minor", kMinor}});
+        case TrustShape::slab:
+            break;
     }
     std::vector<Surface> both;
     for (const double z : {-kSlabHalf, kSlabHalf}) {
@@ -156,10 +166,14 @@ std::vector<Surface> surfaces(TrustShape shape, const Affine& to_world) {
 
 const char* name_of(TrustShape shape) {
     switch (shape) {
-        case TrustShape::sphere: return "sphere";
-        case TrustShape::ellipsoid: return "ellipsoid";
-        case TrustShape::torus: return "torus";
-        case TrustShape::slab: return "slab";
+        case TrustShape::sphere:
+            return "sphere";
+        case TrustShape::ellipsoid:
+            return "ellipsoid";
+        case TrustShape::torus:
+            return "torus";
+        case TrustShape::slab:
+            return "slab";
     }
     return "";
 }
@@ -199,7 +213,8 @@ ClosedFormResult measure_closed_form(const ClosedFormCase& c, std::uint64_t rays
             const LocalLine line = local_line(ray, placement);
             const double t0 = static_cast<double>(line.t0);
             // δ: what rounding all coordinates that take part once moves a point by.
-            const double delta = kRoundoff * (length(ray.origin) + length(target) + std::abs(t0) * d + c.scale);
+            const double delta =
+                kRoundoff * (length(ray.origin) + length(target) + std::abs(t0) * d + c.scale);
             const Digits room = Digits(kCloseUnits * delta) / c.scale;
             const std::vector<Digits> right = closed_form(c.shape, line, Digits(0));
             ++result.rays;
@@ -255,7 +270,9 @@ GrazingResult measure_grazing(double delta, double offset, std::uint64_t rays, S
         const Digits distance = (1 + Digits(delta)) / sqrt(dot3(aside, aside));
         Ray ray = shooter.through(placement.affine().offset, along);
         const Digits back = dot3({digits(ray.origin)[0] - center[0], digits(ray.origin)[1] - center[1],
-                                  digits(ray.origin)[2] - center[2]}, d) / dot3(d, d);
+                                  digits(ray.origin)[2] - center[2]},
+                                 d) /
+                            dot3(d, d);
         for (int k = 0; k < 3; ++k) {
             const auto j = static_cast<std::size_t>(k);
             ray.origin[k] = static_cast<double>(Digits(center[j] + back * d[j] + distance * aside[j]));

@@ -24,21 +24,25 @@ struct ClosedFormCase {
     Projection projection = Projection::perspective;
 };
 
-/// Depths in units of their conditioning: what one rounding, 2^-53, of each coordinate that takes part does to t,
+/// Depths in units of their conditioning: what one rounding, 2^-53, of each coordinate that takes part does
+/// to t,
 ///   unit = 2^-53·(|origin| + |centre| + t·|d| + size) / (|d|·max(|cosθ|, sqrt(2^-53·(…)/size))):
-/// a plane moved by δ is met δ/cosθ later; near a tangent a curved surface is met sqrt(δ·size) later, not more.
+/// a plane moved by δ is met δ/cosθ later; near a tangent a curved surface is met sqrt(δ·size) later, not
+/// more.
 struct ClosedFormResult {
     std::uint64_t rays = 0;
-    std::uint64_t hits = 0;        // in the closed form
-    std::uint64_t borderline = 0;  // rays whose number of hits changes if the surface grows or shrinks by kCloseUnits δ
-    std::uint64_t wrong = 0;       // of the others: another number of hits than the closed form's
-    double worst_units = 0;        // largest error of a depth
+    std::uint64_t hits = 0;  // in the closed form
+    std::uint64_t borderline =
+        0;  // rays whose number of hits changes if the surface grows or shrinks by kCloseUnits δ
+    std::uint64_t wrong = 0;  // of the others: another number of hits than the closed form's
+    double worst_units = 0;   // largest error of a depth
     double rms_units = 0;
-    double worst_error = 0;        // the same in sizes of the surface
+    double worst_error = 0;  // the same in sizes of the surface
 };
 
-/// Roundings that lie between a ray and the depth of its hit: 12 of the affine maps to the object and back, 12 of the
-/// equation's coefficients, 8 of its solution. Twice that for rays on the border between hit and miss.
+/// Roundings that lie between a ray and the depth of its hit: 12 of the affine maps to the object and back,
+/// 12 of the equation's coefficients, 8 of its solution. Twice that for rays on the border between hit and
+/// miss.
 inline constexpr double kDepthUnits = 32;
 inline constexpr double kCloseUnits = 2 * kDepthUnits;
 
@@ -48,10 +52,10 @@ inline constexpr double kCloseUnits = 2 * kDepthUnits;
 
 struct GrazingResult {
     std::uint64_t rays = 0;
-    std::uint64_t found_two = 0;   // rays with two hits
-    std::uint64_t exact_two = 0;   // the closed form of the rays as rounded
-    std::uint64_t wrong = 0;       // rays where the two differ
-    std::uint64_t intended = 0;    // rays whose rounding leaves them on the side they were made for
+    std::uint64_t found_two = 0;  // rays with two hits
+    std::uint64_t exact_two = 0;  // the closed form of the rays as rounded
+    std::uint64_t wrong = 0;      // rays where the two differ
+    std::uint64_t intended = 0;   // rays whose rounding leaves them on the side they were made for
 };
 /// Rays that pass the centre of a sphere in random directions at (1 + delta) radii, delta < 0: inside.
 ///   offset  of the sphere from the world's origin, in radii

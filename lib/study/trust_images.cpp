@@ -56,18 +56,22 @@ opacity = 0.7
 )";
 
 std::string sphere(const char* law) {
-    return fmt::format("[[surface]]\nimplicit = \"sphere\"\nscale = 0.8\nopacity = 0.6\nopacity_law = \"{}\"\n", law);
+    return fmt::format(
+        "[[surface]]\nimplicit = \"sphere\"\nscale = 0.8\nopacity = 0.6\nopacity_law = \"{}\"\n", law);
 }
 
 /// Twelve sheets, one a ten-thousandth behind the other, and a strip a twentieth of a pixel wide.
 std::string thin_layers(int pixels) {
     std::string toml;
     for (int i = 0; i < 12; ++i)
-        toml += fmt::format("[[surface]]\nrectangle = {{ center = [0, {}, {}], u = [0.8, 0.1, 0], v = [0, 0.7, 0.2] }}\n"
-                            "opacity = 0.3\ncolor = [{}, 0.5, {}]\n",
-                            0.02 * i, -1e-4 * i, i / 11.0, 1 - i / 11.0);
-    return toml + fmt::format("[[surface]]\nrectangle = {{ center = [0, 0, 1], u = [1, 0.13, 0], v = [0, {}, 0] }}\n"
-                              "opacity = 0.9\n", 0.025 * 2.4 / pixels);
+        toml += fmt::format(
+            "[[surface]]\nrectangle = {{ center = [0, {}, {}], u = [0.8, 0.1, 0], v = [0, 0.7, 0.2] }}\n"
+            "opacity = 0.3\ncolor = [{}, 0.5, {}]\n",
+            0.02 * i, -1e-4 * i, i / 11.0, 1 - i / 11.0);
+    return toml + fmt::format(
+                      "[[surface]]\nrectangle = {{ center = [0, 0, 1], u = [1, 0.13, 0], v = [0, {}, 0] }}\n"
+                      "opacity = 0.9\n",
+                      0.025 * 2.4 / pixels);
 }
 
 void write_checkers(const std::filesystem::path& file) {
@@ -84,8 +88,8 @@ double value(const Image& image, const std::string& plane, std::size_t i) {
     return static_cast<double>(image.plane(plane)[i]);
 }
 
-/// Whether a pixel's stated variance is the truth's floor: the largest contrast to a neighbour, squared, times the
-/// variance that Laplace's rule gives a share of which n sub-rays met nothing, n = 64, 256, ….
+/// Whether a pixel's stated variance is the truth's floor: the largest contrast to a neighbour, squared,
+/// times the variance that Laplace's rule gives a share of which n sub-rays met nothing, n = 64, 256, ….
 bool is_floor(const Image& image, const char* channel, std::size_t i) {
     const double stated = value(image, std::string("variance.") + channel, i);
     if (stated == 0) return false;
@@ -94,8 +98,9 @@ bool is_floor(const Image& image, const char* channel, std::size_t i) {
     double contrast = 0;
     for (int v = std::max(0, y - 1); v <= std::min(image.height() - 1, y + 1); ++v)
         for (int u = std::max(0, x - 1); u <= std::min(image.width() - 1, x + 1); ++u)
-            contrast = std::max(contrast, std::abs(value(image, channel, static_cast<std::size_t>(v * image.width() + u)) -
-                                                   value(image, channel, i)));
+            contrast = std::max(
+                contrast, std::abs(value(image, channel, static_cast<std::size_t>(v * image.width() + u)) -
+                                   value(image, channel, i)));
     for (double rays = 64; rays <= 1 << 24; rays *= 4) {
         const double floor = contrast * contrast * (1 / (rays + 2)) * (1 - 1 / (rays + 2)) / rays;
         if (std::abs(stated - floor) <= 1e-6 * floor) return true;
@@ -129,28 +134,36 @@ std::array<double, 4> mean_over_orders(const std::vector<Layer>& layers) {
     return sum;
 }
 
-const Layer kLayers[] = {{{1, 0.1, 0}, 0.6}, {{0, 0.9, 0.2}, 0.5}, {{0.1, 0, 1}, 0.3}, {{0.7, 0.8, 0.1}, 0.8}};
+const Layer kLayers[] = {
+    {{1, 0.1, 0}, 0.6}, {{0, 0.9, 0.2}, 0.5}, {{0.1, 0, 1}, 0.3}, {{0.7, 0.8, 0.1}, 0.8}};
 
 std::string surface_of(Coincidence kind, std::size_t layer) {
     std::string shape;
     switch (kind) {
-        case Coincidence::rectangles: shape = "rectangle = {}\nrotate_degrees = [20, 10, 5]"; break;
-        case Coincidence::spheres: shape = "implicit = \"sphere\""; break;
+        case Coincidence::rectangles:
+            shape = "rectangle = {}\nrotate_degrees = [20, 10, 5]";
+            break;
+        case Coincidence::spheres:
+            shape = "implicit = \"sphere\"";
+            break;
         case Coincidence::mesh_on_plane:
             shape = layer % 2 == 0 ? "mesh = \"square.off\"" : "implicit = \"plane\"";
             shape += "\nrotate_degrees = [20, 10, 5]";
             break;
     }
     const Layer& l = kLayers[layer];
-    return fmt::format("[[surface]]\n{}\nopacity = {}\ncolor = [{}, {}, {}]\nshading = \"flat\"\n", shape, l.alpha, l.color.x,
-                       l.color.y, l.color.z);
+    return fmt::format("[[surface]]\n{}\nopacity = {}\ncolor = [{}, {}, {}]\nshading = \"flat\"\n", shape,
+                       l.alpha, l.color.x, l.color.y, l.color.z);
 }
 
 const char* name_of(Coincidence kind) {
     switch (kind) {
-        case Coincidence::rectangles: return "rectangles";
-        case Coincidence::spheres: return "spheres";
-        case Coincidence::mesh_on_plane: return "mesh on implicit";
+        case Coincidence::rectangles:
+            return "rectangles";
+        case Coincidence::spheres:
+            return "spheres";
+        case Coincidence::mesh_on_plane:
+            return "mesh on implicit";
     }
     return "";
 }
@@ -160,7 +173,8 @@ const char* name_of(Coincidence kind) {
 std::vector<TrustScene> error_scenes(int pixels, const std::filesystem::path& folder) {
     write_checkers(folder / "checkers.png");
     const std::string texture =
-        "[[surface]]\nrectangle = { u = [0.9, 0, 0.4], v = [0.1, 0.8, 0], image = \"checkers.png\" }\nopacity = 0.8\n";
+        "[[surface]]\nrectangle = { u = [0.9, 0, 0.4], v = [0.1, 0.8, 0], image = \"checkers.png\" "
+        "}\nopacity = 0.8\n";
     std::vector<TrustScene> scenes;
     scenes.push_back({"edges", scene_of(view(pixels, kAcross) + kSheets)});
     scenes.push_back({"silhouette", scene_of(view(pixels, kAslant) + sphere("constant"))});
@@ -258,7 +272,8 @@ ParticleVerdict judge_particles(const PreparedScene& scene, const ParticlePlan& 
     ParticleVerdict verdict;
     verdict.pixels = test.pixels.size();
     verdict.left_out = test.left_out;
-    for (const PixelOutcome& pixel : test.pixels) verdict.worst_z = std::max(verdict.worst_z, std::abs(pixel.z));
+    for (const PixelOutcome& pixel : test.pixels)
+        verdict.worst_z = std::max(verdict.worst_z, std::abs(pixel.z));
     verdict.smallest_p = test.smallest_p();
     if (truth.has("repeat_variance.R")) {
         const ColorTest color = test_colors(drawn, truth, rule.repeats);
@@ -293,7 +308,8 @@ CoincidentResult measure_coincident(Coincidence kind, int layers, int pixels,
         std::string toml = view(pixels, "position = [0.3, 0.4, 4]\nfov_degrees = 12");
         for (const std::size_t k : order) toml += surface_of(kind, k);
         TruthStats stats;
-        Image image = trace_truth(scene_of(toml, folder), {.seed = seed, .max_error = 0.01, .max_samples = 64}, stats);
+        Image image =
+            trace_truth(scene_of(toml, folder), {.seed = seed, .max_error = 0.01, .max_samples = 64}, stats);
         for (std::size_t c = 0; c < 4; ++c)
             for (std::size_t i = 0; i < image.pixel_count(); ++i) {
                 const double here = value(image, kChannels[c], i);

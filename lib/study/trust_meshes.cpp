@@ -16,7 +16,9 @@ namespace {
 
 using Triangle = std::array<std::uint32_t, 3>;
 
-std::uint32_t index(std::size_t i) { return static_cast<std::uint32_t>(i); }
+std::uint32_t index(std::size_t i) {
+    return static_cast<std::uint32_t>(i);
+}
 
 /// A quadrilateral, counter-clockwise, as two triangles.
 void add_quad(TriangleMesh& mesh, std::uint32_t a, std::uint32_t b, std::uint32_t c, std::uint32_t d) {
@@ -91,7 +93,9 @@ TriangleMesh torus_grid(int around, int across) {
             const double r = 1 + 0.4 * std::cos(v);
             mesh.positions.emplace_back(r * std::cos(u), r * std::sin(u), 0.4 * std::sin(v));
         }
-    const auto at = [&](int i, int j) { return static_cast<std::uint32_t>(i % around * across + j % across); };
+    const auto at = [&](int i, int j) {
+        return static_cast<std::uint32_t>(i % around * across + j % across);
+    };
     for (int i = 0; i < around; ++i)
         for (int j = 0; j < across; ++j)
             add_quad(mesh, at(i, j), at(i + 1, j), at(i + 1, j + 1), at(i, j + 1));

@@ -1,4 +1,5 @@
-// Closed meshes made by formula, and scenes of one surface: what rays are shot at to find out about the truth.
+// Closed meshes made by formula, and scenes of one surface: what rays are shot at to find out about the
+// truth.
 #pragma once
 
 #include <filesystem>
@@ -21,13 +22,15 @@ struct NamedMesh {
 [[nodiscard]] TriangleMesh torus_grid(int around, int across);
 /// [-1, 1]³ of twelve triangles: many of its diagonals and edges lie on one another in projection.
 [[nodiscard]] TriangleMesh cube_mesh();
-/// A needle: a prism of length 2 with `sides` sides of width `width`, closed by two fans: slivers of aspect 2/width.
+/// A needle: a prism of length 2 with `sides` sides of width `width`, closed by two fans: slivers of aspect
+/// 2/width.
 [[nodiscard]] TriangleMesh sliver_prism(int sides, double width);
-/// `count` closed plates [-1, 1]² of thickness `gap`, as far apart, around z = 0: layers that a step may jump over.
+/// `count` closed plates [-1, 1]² of thickness `gap`, as far apart, around z = 0: layers that a step may jump
+/// over.
 [[nodiscard]] TriangleMesh thin_plates(int count, double gap);
 
-/// Every edge belongs to an even number of triangles, so that every ray has an even number of hits, on surfaces with
-/// one side too. Vertices at one place count as one.
+/// Every edge belongs to an even number of triangles, so that every ray has an even number of hits, on
+/// surfaces with one side too. Vertices at one place count as one.
 [[nodiscard]] bool is_closed(const TriangleMesh& mesh);
 
 /// Triangles as ASCII OFF, coordinates as float32 holds them.

@@ -27,23 +27,30 @@ std::vector<std::uint32_t> patches(const std::vector<RayHit>& hits) {
 
 const char* name_of(Aim aim) {
     switch (aim) {
-        case Aim::random: return "random";
-        case Aim::vertex: return "vertex";
-        case Aim::edge_middle: return "edge middle";
-        case Aim::along_edge: return "along edge";
-        case Aim::axis_vertex: return "vertex, along axis";
+        case Aim::random:
+            return "random";
+        case Aim::vertex:
+            return "vertex";
+        case Aim::edge_middle:
+            return "edge middle";
+        case Aim::along_edge:
+            return "along edge";
+        case Aim::axis_vertex:
+            return "vertex, along axis";
     }
     return "";
 }
 
-Ray aimed_ray(const LineShooter& shooter, const TriangleMesh& mesh, Aim aim, Seed seed, std::uint64_t number) {
+Ray aimed_ray(const LineShooter& shooter, const TriangleMesh& mesh, Aim aim, Seed seed,
+              std::uint64_t number) {
     const auto [u, v, w] = random_numbers(seed, number);
     if (aim == Aim::random) {
         const Vec3 along = random_direction(seed, number / kPacket);
         const Frame frame = frame_around(along);
         const double r = shooter.radius() * std::sqrt(u);
         const double angle = 2 * std::numbers::pi * v;
-        const Vec3 point = shooter.center() + r * (std::cos(angle) * frame.aside + std::sin(angle) * frame.up);
+        const Vec3 point =
+            shooter.center() + r * (std::cos(angle) * frame.aside + std::sin(angle) * frame.up);
         return shooter.through(point, along);
     }
     const auto& triangle = mesh.triangles[pick(u, mesh.triangles.size())];
@@ -51,10 +58,14 @@ Ray aimed_ray(const LineShooter& shooter, const TriangleMesh& mesh, Aim aim, See
     const Vec3& a = mesh.positions[triangle[corner]];
     const Vec3& b = mesh.positions[triangle[(corner + 1) % 3]];
     switch (aim) {
-        case Aim::vertex: return shooter.through(a, random_direction(seed, number));
-        case Aim::edge_middle: return shooter.through(0.5 * (a + b), random_direction(seed, number));
-        case Aim::along_edge: return shooter.through(a, normalize(b - a));
-        default: break;
+        case Aim::vertex:
+            return shooter.through(a, random_direction(seed, number));
+        case Aim::edge_middle:
+            return shooter.through(0.5 * (a + b), random_direction(seed, number));
+        case Aim::along_edge:
+            return shooter.through(a, normalize(b - a));
+        default:
+            break;
     }
     Vec3 along(0.0);
     along[static_cast<int>(pick(w, 3))] = w < 0.5 ? 1 : -1;
@@ -93,9 +104,11 @@ ParityCount count_parity(const TriangleMesh& mesh, const LineShooter& shooter, c
                 count.hits += hits[i].size();
                 const bool odd = hits[i].size() % 2 == 1;
                 count.odd += odd ? 1U : 0U;
-                // The checked ones are spread evenly; odd ones among random rays are rare, and looked at anyway.
+                // The checked ones are spread evenly; odd ones among random rays are rare, and looked at
+                // anyway.
                 const std::uint64_t number = first + i;
-                const bool checked = number * plan.checked / plan.rays != (number + 1) * plan.checked / plan.rays;
+                const bool checked =
+                    number * plan.checked / plan.rays != (number + 1) * plan.checked / plan.rays;
                 if (!checked && !(odd && plan.aim == Aim::random)) continue;
                 const std::vector<std::uint32_t> right = exact_crossings(mesh, rays[i]);
                 count.odd_short += odd && hits[i].size() < right.size() ? 1U : 0U;

@@ -21,7 +21,9 @@ T determinant(const Vector<T>& a, const Vector<T>& b, const Vector<T>& c) {
            a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-Vector<Rational> exact(const Vec3& v) { return {Rational(v.x), Rational(v.y), Rational(v.z)}; }
+Vector<Rational> exact(const Vec3& v) {
+    return {Rational(v.x), Rational(v.y), Rational(v.z)};
+}
 
 Vector<Rational> difference(const Vec3& a, const Vec3& b) {
     const Vector<Rational> x = exact(a);
@@ -30,15 +32,15 @@ Vector<Rational> difference(const Vec3& a, const Vec3& b) {
 }
 
 /// On which side of the edge a → b the line passes: the sign of det(d, a−o, b−o). Moved aside by
-/// ε·e_i + ε²·e_j (e_i, e_j axes that span space with d) it is D + det(d, ε·e_i + ε²·e_j, a−b): never 0 unless the
-/// edge is parallel to the line.
+/// ε·e_i + ε²·e_j (e_i, e_j axes that span space with d) it is D + det(d, ε·e_i + ε²·e_j, a−b): never 0
+/// unless the edge is parallel to the line.
 int side_of_edge(const Ray& ray, const Vec3& a, const Vec3& b) {
     const Vec3 u = a - ray.origin;
     const Vec3 v = b - ray.origin;
     const Vec3& d = ray.direction;
     const double value = dot(d, cross(u, v));
-    // Six products of three factors, each factor and each operation rounded once: fewer than 16 roundings a term.
-    // u and v are differences of given numbers, whose own rounding is part of that.
+    // Six products of three factors, each factor and each operation rounded once: fewer than 16 roundings a
+    // term. u and v are differences of given numbers, whose own rounding is part of that.
     const double size = std::abs(d.x) * (std::abs(u.y * v.z) + std::abs(u.z * v.y)) +
                         std::abs(d.y) * (std::abs(u.z * v.x) + std::abs(u.x * v.z)) +
                         std::abs(d.z) * (std::abs(u.x * v.y) + std::abs(u.y * v.x));
@@ -88,8 +90,8 @@ LineShooter::LineShooter(const PreparedScene& scene) : rays_(scene) {
     const double near = scene.camera.near();
     const double far = scene.camera.far();
     t_middle_ = 0.5 * (near + far);
-    // The half between near and far becomes three radii, whatever the direction: a point in the box is at most
-    // one from the centre, and the ray's far end at most two from there.
+    // The half between near and far becomes three radii, whatever the direction: a point in the box is at
+    // most one from the centre, and the ray's far end at most two from there.
     stretch_ = 3 * radius_ / (0.5 * (far - near));
 }
 

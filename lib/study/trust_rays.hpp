@@ -1,4 +1,5 @@
-// Lines through a scene, all their crossings by the truth's own ray scene, and what exact arithmetic says of them.
+// Lines through a scene, all their crossings by the truth's own ray scene, and what exact arithmetic says of
+// them.
 #pragma once
 
 #include <array>
@@ -33,7 +34,8 @@ class LineShooter {
 public:
     explicit LineShooter(const PreparedScene& scene);
 
-    /// The ray through `point` along `direction` (unit length), which it passes half-way between near and far.
+    /// The ray through `point` along `direction` (unit length), which it passes half-way between near and
+    /// far.
     [[nodiscard]] Ray through(const Vec3& point, const Vec3& direction) const;
     /// As all crossings of `rays` (any number).
     void gather(std::span<const Ray> rays, std::vector<std::vector<RayHit>>& hits) const;
@@ -51,9 +53,9 @@ private:
 };
 
 /// The triangles that a line meets, exactly: signs of determinants in double where their error bound allows,
-/// else in rational numbers. Where the line meets an edge or a vertex, it is moved aside by an infinitely small
-/// vector, the same for all triangles: a closed mesh is then met an even number of times, whatever the ray.
-/// Ascending.
+/// else in rational numbers. Where the line meets an edge or a vertex, it is moved aside by an infinitely
+/// small vector, the same for all triangles: a closed mesh is then met an even number of times, whatever the
+/// ray. Ascending.
 [[nodiscard]] std::vector<std::uint32_t> exact_crossings(const TriangleMesh& mesh, const Ray& ray);
 
 /// 95 % (or `level`) bounds of a Poisson mean of which `events` were seen, exact (Garwood 1936).

@@ -41,9 +41,10 @@ RestartScene::RestartScene(const TriangleMesh& mesh) : embree_(std::make_unique<
     auto* vertex = static_cast<float*>(rtcSetNewGeometryBuffer(
         geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3, 3 * sizeof(float), mesh.positions.size()));
     auto* index = static_cast<std::uint32_t*>(
-        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3, 3 * sizeof(std::uint32_t),
-                                mesh.triangles.size()));
-    if (rtcGetDeviceError(e.device) != RTC_ERROR_NONE) throw run_error("triangle buffers: Embree has no memory");
+        rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                3 * sizeof(std::uint32_t), mesh.triangles.size()));
+    if (rtcGetDeviceError(e.device) != RTC_ERROR_NONE)
+        throw run_error("triangle buffers: Embree has no memory");
     for (const Vec3& p : mesh.positions)
         for (int axis = 0; axis < 3; ++axis)
             *vertex++ = static_cast<float>((p[axis] - e.center[axis]) / e.radius);

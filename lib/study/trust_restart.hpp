@@ -1,7 +1,7 @@
 // Wrong twin of the ray scene: the nearest hit, and again behind it by an epsilon, until none is left.
 //
-// What is closer behind a hit than epsilon is lost; where epsilon is below the rounding of a hit's depth the same
-// triangle is found again.
+// What is closer behind a hit than epsilon is lost; where epsilon is below the rounding of a hit's depth the
+// same triangle is found again.
 #pragma once
 
 #include <memory>

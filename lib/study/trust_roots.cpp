@@ -45,7 +45,9 @@ Powers operator*(const Powers& a, const Powers& b) {
         for (std::size_t j = 0; j < b.c.size(); ++j) p.c[i + j] += a.c[i] * b.c[j];
     return p;
 }
-Powers operator-(const Powers& a, const Powers& b) { return a + Powers(-1.0) * b; }
+Powers operator-(const Powers& a, const Powers& b) {
+    return a + Powers(-1.0) * b;
+}
 
 /// The surfaces once more, by hand.
 Powers along(const AlgebraicSurface& s, const Powers& x, const Powers& y, const Powers& z) {
@@ -65,7 +67,8 @@ Powers along(const AlgebraicSurface& s, const Powers& x, const Powers& y, const 
         const Powers r = number("r");
         const Powers ball = x2 + y2 + z2 - number("m");
         const Powers one = 1;
-        return ball * ball - number("l") * (one - z - r * x) * (one - z + r * x) * (one + z + r * y) * (one + z - r * y);
+        return ball * ball -
+               number("l") * (one - z - r * x) * (one - z + r * x) * (one + z + r * y) * (one + z - r * y);
     }
     const Powers five = 5;  // tangle cube
     return x2 * x2 - five * x2 + y2 * y2 - five * y2 + z2 * z2 - five * z2 + number("c");
@@ -109,12 +112,20 @@ std::span<const AlgebraicSurface> algebraic_surfaces() {
     constexpr double kPhi = std::numbers::phi;
     constexpr double kMu2 = 1.69;  // of Kummer's surface: between 1/3 and 3, all sixteen nodes real
     static const std::vector<AlgebraicSurface> all{
-        {"Barth sextic", "4*(a*x^2-y^2)*(a*y^2-z^2)*(a*z^2-x^2) - b*(x^2+y^2+z^2-1)^2",
-         {{"a", kPhi * kPhi}, {"b", 1 + 2 * kPhi}}, 6, 2, true},
+        {"Barth sextic",
+         "4*(a*x^2-y^2)*(a*y^2-z^2)*(a*z^2-x^2) - b*(x^2+y^2+z^2-1)^2",
+         {{"a", kPhi * kPhi}, {"b", 1 + 2 * kPhi}},
+         6,
+         2,
+         true},
         {"Clebsch cubic", "x^3 + y^3 + z^3 + 1 - (x+y+z+1)^3", {}, 3, 4, false},
         {"Cayley cubic", "4*(x^2+y^2+z^2) + 16*x*y*z - 1", {}, 3, 1.5, false},
-        {"Kummer quartic", "(x^2+y^2+z^2-m)^2 - l*(1-z-r*x)*(1-z+r*x)*(1+z+r*y)*(1+z-r*y)",
-         {{"m", kMu2}, {"l", (3 * kMu2 - 1) / (3 - kMu2)}, {"r", std::numbers::sqrt2}}, 4, 3, false},
+        {"Kummer quartic",
+         "(x^2+y^2+z^2-m)^2 - l*(1-z-r*x)*(1-z+r*x)*(1+z+r*y)*(1+z-r*y)",
+         {{"m", kMu2}, {"l", (3 * kMu2 - 1) / (3 - kMu2)}, {"r", std::numbers::sqrt2}},
+         4,
+         3,
+         false},
         {"tangle cube", "x^4 - 5*x^2 + y^4 - 5*y^2 + z^4 - 5*z^2 + c", {{"c", 11.8}}, 4, 4, true},
     };
     return all;
@@ -133,10 +144,12 @@ RootLine root_line(const AlgebraicSurface& surface, RootAim aim, Seed seed, std:
 }
 
 std::vector<RootLine> lines_on_clebsch() {
-    // With w = 1 and v = −(x+y+z+1) it is Σ of five cubes = 0 where their bases sum to 0: on it lies every line where one
-    // of the five is 0 and the others cancel in pairs. Where w is the 0, it lies at infinity.
+    // With w = 1 and v = −(x+y+z+1) it is Σ of five cubes = 0 where their bases sum to 0: on it lies every
+    // line where one of the five is 0 and the others cancel in pairs. Where w is the 0, it lies at infinity.
     std::vector<RootLine> lines;
-    const auto add = [&](const Vec3& origin, const Vec3& direction) { lines.push_back({origin, direction, -5, 5}); };
+    const auto add = [&](const Vec3& origin, const Vec3& direction) {
+        lines.push_back({origin, direction, -5, 5});
+    };
     for (int i = 0; i < 3; ++i) {
         const int j = (i + 1) % 3;
         const int k = (i + 2) % 3;
@@ -145,8 +158,8 @@ std::vector<RootLine> lines_on_clebsch() {
         // v = 0: one of x, y, z cancels w, the other two each other.
         add(-e_i, e_j - e_k);
         // x_i = 0: w cancels x_j, x_k or v.
-        add(-e_j, e_k);        // x_k + v = 0
-        add(-e_k, e_j);        // x_j + v = 0
+        add(-e_j, e_k);             // x_k + v = 0
+        add(-e_k, e_j);             // x_j + v = 0
         add(Vec3(0.0), e_j - e_k);  // v = −1
     }
     return lines;
@@ -187,8 +200,8 @@ FindRoots sampled_roots(const AlgebraicSurface& surface, int points) {
     };
 }
 
-RootCounts count_roots(const AlgebraicSurface& surface, const FindRoots& find, RootAim aim, std::uint64_t lines,
-                       std::uint64_t checked, Seed seed) {
+RootCounts count_roots(const AlgebraicSurface& surface, const FindRoots& find, RootAim aim,
+                       std::uint64_t lines, std::uint64_t checked, Seed seed) {
     RootCounts total;
     std::mutex adding;
     parallel_for(lines, 64, [&](std::size_t begin, std::size_t end) {
@@ -205,14 +218,16 @@ RootCounts count_roots(const AlgebraicSurface& surface, const FindRoots& find, R
             if (surface.even && aim == RootAim::center) {
                 bool pairs = roots.size() % 2 == 0;
                 for (std::size_t k = 0; pairs && k < roots.size(); ++k)
-                    pairs = std::abs(roots[k].t + roots[roots.size() - 1 - k].t) <= kPairShare * (line.hi - line.lo);
+                    pairs = std::abs(roots[k].t + roots[roots.size() - 1 - k].t) <=
+                            kPairShare * (line.hi - line.lo);
                 if (!pairs) ++count.asymmetric;
             }
             if (i * checked / lines == (i + 1) * checked / lines) continue;
             const ExactCount exact = exact_count(surface, line);
             ++count.checked;
             if (static_cast<int>(roots.size()) != exact.roots) ++count.mismatched;
-            const auto crossings = std::ranges::count_if(roots, [](const Root& root) { return !root.touching; });
+            const auto crossings =
+                std::ranges::count_if(roots, [](const Root& root) { return !root.touching; });
             if ((crossings % 2 == 1) != exact.signs_differ) ++count.wrong_parity;
         }
         const std::scoped_lock lock(adding);
