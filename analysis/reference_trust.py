@@ -53,8 +53,8 @@ def draw_parity(ax, table) -> str:
     tolerated = (random.odd_per_1e9_expected * random.rays).sum() / total.rays
     return (f"a: {total.odd_rays:.0f} of {total.rays:.4g} random rays through closed meshes had an odd number of hits, "
             f"{1e9 * total.odd_rays / total.rays:.0f} per 10⁹ (95 %: {1e9 * lo / total.rays:.0f} to {1e9 * hi / total.rays:.0f}); "
-            f"Embree's tolerance at edges predicts {tolerated:.0f}. {random.odd_with_too_few.sum():.0f} of them lacked a hit: "
-            "what is wrong is a hit told twice. Rays aimed at vertices and edges meet that tolerance every time: "
+            f"Embree's tolerance at edges predicts {tolerated:.0f}. {random.odd_with_too_few.sum():.0f} of them lacked a hit, "
+            "the others had one twice. Rays aimed at vertices and edges meet that tolerance every time: "
             f"{100 * aimed.odd_rays.sum() / aimed.rays.sum():.0f} % are odd")
 
 

@@ -128,12 +128,14 @@ void report_parity(Experiment& ex, const ParitySettings& s) {
         }
         progress->step();
     }
-    const double level = 1 - sidak_level(kTrustLevel, 2);
+    const double level = 1 - sidak_level(kTrustLevel, 3);
     ex.check("random rays: odd numbers of hits per hit, lower bound, against Embree's tolerance",
              poisson_bounds(static_cast<double>(all.odd), level).lo / static_cast<double>(all.hits),
              "<=", kExtraPerHit);
-    ex.check("random rays: odd numbers of hits with one too few", static_cast<double>(all.odd_short),
-             "==", 0);
+    // A hit is lost at an outline alone: the front's tolerance may reach beyond it and the back's not, or the other way.
+    ex.check("random rays: share with an odd number of hits, one too few, lower bound, against outlines",
+             poisson_bounds(static_cast<double>(all.odd_short), level).lo / static_cast<double>(all.rays), "<=",
+             kSilhouetteShare);
     ex.check(
         "random rays, meshes by formula: share that differs from exact arithmetic, lower bound, against "
         "silhouettes",
