@@ -220,7 +220,7 @@ void gather_all_hits(benchmark::State& state) {
                         packet[i] = scene.camera.ray(static_cast<double>(4 * block_x + (i & 3U)) + 0.5,
                                                      static_cast<double>(4 * block_y + (i >> 2U)) + 0.5);
                     rays.gather(packet, found);
-                    for (const auto& list : found) sum += list.size();
+                    for (const auto& list : found.rays) sum += list.size();
                 }
             hits += sum;
         });

@@ -3,38 +3,14 @@
 
 #include <numeric>
 
-#include <hwy/targets.h>
-
 #include "sample/particle_sampler.hpp"
 #include "scene_testing.hpp"
+#include "simd_targets.hpp"
 
 namespace pellucid {
 namespace {
 
 using namespace testing_scenes;
-
-/// Every instruction set that this machine and this build have; the last one is scalar code.
-std::vector<std::int64_t> targets() {
-    hwy::SetSupportedTargetsForTest(0);
-    std::vector<std::int64_t> found;
-    for (std::int64_t bits = hwy::SupportedTargets(); bits != 0; bits &= bits - 1)
-        found.push_back(bits & -bits);
-    return found;
-}
-
-class ChosenTarget {
-public:
-    explicit ChosenTarget(std::int64_t target) {
-        hwy::SetSupportedTargetsForTest(target);
-        hwy::GetChosenTarget().Update(target);
-    }
-    ~ChosenTarget() {
-        hwy::SetSupportedTargetsForTest(0);
-        hwy::GetChosenTarget().Update(hwy::SupportedTargets());
-    }
-    ChosenTarget(const ChosenTarget&) = delete;
-    ChosenTarget& operator=(const ChosenTarget&) = delete;
-};
 
 struct View {
     const char* name;
@@ -77,7 +53,7 @@ bool same(const LineSampler::Point& a, const LineSampler::Point& b) {
 
 TEST(EdgeLines, BatchesEqualSingleTrialsOnEveryInstructionSet) {
     const fs::path folder = test_folder();
-    const auto all_targets = targets();
+    const auto all_targets = simd_targets();
     std::uint64_t compared = 0;
     for (const View& view : views())
         for (const std::string& surface : surfaces(folder))
@@ -119,7 +95,7 @@ TEST(EdgeLines, DealtLinesEqualOnEveryInstructionSet) {
             for (std::size_t block = 0; block < sampler.block_count(); ++block) {
                 if (sampler.block_crossings(block) == 1) continue;
                 std::vector<std::array<std::vector<LineSampler::Point>, kLineGroup>> found;
-                for (const std::int64_t target : targets()) {
+                for (const std::int64_t target : simd_targets()) {
                     const ChosenTarget chosen(target);
                     sampler.lines_in_block(block, {1}, 2, 700, LineSampler::Deal::apart,
                                            found.emplace_back());

@@ -91,7 +91,7 @@ TEST(ImplicitGeometry, CrossingsAndNormalsAreThoseOfTheEquation) {
                 const Vec3 a = around();
                 const Vec3 b = around();
                 const Line line{to_world.point(a), to_world.vector(b - a), 0, 1};
-                std::array<Crossing, kMaxCrossings> hits;
+                CrossingList hits;
                 const int count = geometry->crossings(0, line, hits);
                 ASSERT_LE(count, geometry->max_crossings());
                 std::vector<double> expected;
@@ -176,7 +176,7 @@ TEST(ImplicitGeometry, ThinTorusKeepsItsCrossings) {
     for (const double minor : {1e-2, 1e-3, 1e-4, 1e-5}) {
         const Implicit shape{"torus", {{"major", 1}, {"minor", minor}}, nullptr};
         const auto geometry = make_geometry(implicit_surface(shape, Affine{}));
-        std::array<Crossing, kMaxCrossings> hits;
+        CrossingList hits;
         int right = 0;
         for (int i = 0; i < 200; ++i) {
             const double phi = 0.1 + 0.03 * i;
@@ -222,7 +222,7 @@ std::unique_ptr<SurfaceGeometry> isosurface(const fs::path& folder, const Volume
 
 std::vector<double> all_crossings(const SurfaceGeometry& geometry, const Line& line) {
     std::vector<double> t;
-    std::array<Crossing, kMaxCrossings> hits;
+    CrossingList hits;
     for (std::size_t patch = 0; patch < geometry.patch_count(); ++patch) {
         const int count = geometry.crossings(patch, line, hits);
         for (int i = 0; i < count; ++i) t.push_back(hits[static_cast<std::size_t>(i)].t);
@@ -253,7 +253,7 @@ TEST(IsosurfaceGeometry, CrossingsAreThoseOfTheTrilinearField) {
             }
             for (std::size_t k = 0; k < found.size(); ++k) EXPECT_NEAR(found[k], expected[k], 1e-9);
         }
-        std::array<Crossing, kMaxCrossings> hits;
+        CrossingList hits;
         const Affine to_object = to_world.inverse();
         for (std::size_t patch = 0; patch < geometry->patch_count(); ++patch) {
             std::array<Vec3, 8> corners;
@@ -284,7 +284,7 @@ TEST(IsosurfaceGeometry, EveryLineCrossesAsOftenAsItsEndsDiffer) {
         const Volume3 volume{{4, 4, 4}, sampled({4, 4, 4}, [&](const Vec3&) { return integers ? std::floor(3 * unit(random)) : 2 * unit(random); })};
         const auto geometry = isosurface(folder, volume, 1);
         int odd = 0, wrong = 0;
-        std::array<Crossing, kMaxCrossings> hits;
+        CrossingList hits;
         for (int i = 0; i < 500000; ++i) {
             const Vec3 a = 3.0 * Vec3(unit(random), unit(random), unit(random));
             Vec3 b = 3.0 * Vec3(unit(random), unit(random), unit(random));
@@ -365,7 +365,7 @@ TEST(MeshGeometry, CrossingsAreThoseOfThePlaneWithinTheTriangle) {
             const Vec3 at = solve(line, body.corner, body.edge[0], body.edge[1]);
             const double margin = std::min({at.x, at.y, 1 - at.x - at.y, at.z, 1 - at.z});
             if (std::abs(margin) < 1e-9) continue;
-            std::array<Crossing, kMaxCrossings> hits;
+            CrossingList hits;
             const int count = geometry->crossings(patch, line, hits);
             ASSERT_EQ(count, margin > 0 ? 1 : 0);
             if (count == 0) continue;
@@ -395,7 +395,7 @@ TEST(RectangleGeometry, CrossingsAreThoseOfThePlaneWithinTheEdges) {
         const Vec3 at = solve(line, body.corner, body.edge[0], body.edge[1]);
         const double margin = std::min({at.x, at.y, 1 - at.x, 1 - at.y, at.z, 1 - at.z});
         if (std::abs(margin) < 1e-9) continue;
-        std::array<Crossing, kMaxCrossings> hits;
+        CrossingList hits;
         ASSERT_EQ(geometry->crossings(0, line, hits), margin > 0 ? 1 : 0);
         found += margin > 0 ? 1 : 0;
     }
@@ -406,7 +406,7 @@ TEST(Geometry, ParallelLinesAndMissedIntervalsCrossNothing) {
     Surface s;
     s.shape = RectangleShape{};
     const auto rectangle = make_geometry(s);
-    std::array<Crossing, kMaxCrossings> hits;
+    CrossingList hits;
     EXPECT_EQ(rectangle->crossings(0, {{-2, 0, 0}, {1, 0, 0}, 0, 9}, hits), 0);
     EXPECT_EQ(rectangle->crossings(0, {{0, 0, 1}, {0, 0, -1}, 0, 0.5}, hits), 0);
     EXPECT_EQ(rectangle->crossings(0, {{0, 0, 1}, {0, 0, -1}, 1.5, 9}, hits), 0);

@@ -146,7 +146,7 @@ TEST(LineSampler, DensityIsOneOverVForEverySurfaceLawAndProjection) {
                     for (int sub = 0; sub < kSide * kSide; ++sub) {
                         const Ray ray = camera.ray(pixel % 10 + (sub % kSide + unit(random)) / kSide,
                                                    pixel / 10 + (sub / kSide + unit(random)) / kSide);
-                        std::array<Crossing, kMaxCrossings> hits;
+                        CrossingList hits;
                         const int found = scene.objects[0].geometry->crossings(
                             0, {ray.origin, ray.direction, camera.near(), camera.far()}, hits);
                         double weight = 0;
@@ -192,7 +192,7 @@ TEST(LineSampler, PointsLieWhereRaysMeetTheSurface) {
                 if (!p) continue;
                 ++asked;
                 const Vec3 normal = normalize(scene.camera.world_vector(p->view_normal));
-                std::array<Crossing, kMaxCrossings> hits;
+                CrossingList hits;
                 const int found =
                     geometry.crossings(0, {scene.camera.to_world(p->view), normal, -0.1, 0.1}, hits);
                 for (int k = 0; k < found; ++k) {
@@ -217,8 +217,7 @@ public:
     [[nodiscard]] std::size_t patch_count() const override { return known_->patch_count(); }
     [[nodiscard]] Body body(std::size_t patch) const override { return known_->body(patch); }
     [[nodiscard]] int max_crossings() const override { return known_->max_crossings(); }
-    int crossings(std::size_t patch, const Line& line,
-                  std::span<Crossing, kMaxCrossings> out) const override {
+    int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
         return known_->crossings(patch, line, out);
     }
     [[nodiscard]] Box bounds() const override { return known_->bounds(); }

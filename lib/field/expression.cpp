@@ -26,7 +26,9 @@ constexpr int kMostDegree = 1000;
         const auto a = [&] { return degrees[s.a]; };
         const auto b = [&] { return degrees[s.b]; };
         const auto fixed = [](int all) { return all == 0 ? 0 : kNotPolynomial; };
-        const auto both = [&](int degree) { return std::min(a(), b()) == kNotPolynomial ? kNotPolynomial : degree; };
+        const auto both = [&](int degree) {
+            return std::min(a(), b()) == kNotPolynomial ? kNotPolynomial : degree;
+        };
         int degree = kNotPolynomial;
         switch (s.op) {
             case Op::constant: degree = 0; break;
@@ -56,7 +58,7 @@ template <std::size_t Count>
 [[nodiscard]] std::array<double, Count> results_at(const Program& program, const Vec3& x) {
     thread_local std::vector<Real> values;
     std::array<Real, Count> results;
-    run<Real>(program, {Real(x.x), Real(x.y), Real(x.z)}, values, results);
+    run_program<Real>(program, {Real(x.x), Real(x.y), Real(x.z)}, values, results);
     std::array<double, Count> numbers{};
     for (std::size_t i = 0; i < Count; ++i) numbers[i] = results[i].value;
     return numbers;

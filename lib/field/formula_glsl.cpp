@@ -94,8 +94,8 @@ std::string glsl_function(const Program& program, std::string_view name) {
     std::string result = writer.name(program.outputs[0]);
     for (std::size_t i = 1; i < program.outputs.size(); ++i) result += ", " + writer.name(program.outputs[i]);
     const bool one = program.outputs.size() == 1;
-    return fmt::format("{} {}(vec3 p) {{\n{}    return {};\n}}\n", one ? "float" : "vec4", name, writer.body(),
-                       one ? result : "vec4(" + result + ")");
+    return fmt::format("{} {}(vec3 p) {{\n{}    return {};\n}}\n", one ? "float" : "vec4", name,
+                       writer.body(), one ? result : "vec4(" + result + ")");
 }
 
 }  // namespace pellucid

@@ -63,9 +63,7 @@ constexpr double kMostMovedFactor = 0x1p64;
            (s.op == Op::power && s.exponent % 2 == 0);
 }
 
-}  // namespace
-
-std::size_t FormulaGraph::Hash::operator()(const Step& s) const {
+[[nodiscard]] std::uint64_t hash(const Step& s) {
     const auto mix = [](std::uint64_t h) {  // the finaliser of SplitMix64
         h = (h ^ (h >> 30U)) * 0xbf58476d1ce4e5b9U;
         h = (h ^ (h >> 27U)) * 0x94d049bb133111ebU;
@@ -76,20 +74,44 @@ std::size_t FormulaGraph::Hash::operator()(const Step& s) const {
     return mix(mix(mix(of_operands) + of_op) + std::bit_cast<std::uint64_t>(s.value));
 }
 
+/// Equal bits: a NaN is the same as itself here.
+[[nodiscard]] bool same(const Step& s, const Step& t) {
+    return s.op == t.op && s.a == t.a && s.b == t.b && s.exponent == t.exponent &&
+           std::bit_cast<std::uint64_t>(s.value) == std::bit_cast<std::uint64_t>(t.value);
+}
+
+}  // namespace
+
 // Nodes
 
+/// Of that step, or where it would stand.
+std::size_t FormulaGraph::slot_of(const Step& step) const {
+    const std::size_t mask = table_.size() - 1;
+    std::size_t slot = static_cast<std::size_t>(hash(step)) & mask;
+    while (table_[slot] != kUnknown && !same(steps_[table_[slot]], step)) slot = (slot + 1) & mask;
+    return slot;
+}
+
 Node FormulaGraph::node(const Step& step) {
-    const auto [at, is_new] = numbers_.try_emplace(step, static_cast<Node>(steps_.size()));
-    if (is_new) {
+    if (2 * (steps_.size() + 1) > table_.size()) {
+        table_.assign(std::max<std::size_t>(64, 2 * table_.size()), kUnknown);
+        for (Node i = 0; i < steps_.size(); ++i) table_[slot_of(steps_[i])] = i;
+    }
+    Node& number = table_[slot_of(step)];
+    if (number == kUnknown) {
         const bool of_total = (step.op < Op::negate || total_[step.a]) &&
                               (!has_two_operands(step.op) || total_[step.b]);
+        number = static_cast<Node>(steps_.size());
         steps_.push_back(step);
         total_.push_back(is_total(step) && of_total);
     }
-    return at->second;
+    return number;
 }
 
-Node FormulaGraph::constant(double value) { return node({.value = value == 0 ? 0 : value}); }
+Node FormulaGraph::constant(double value) {
+    if (std::isnan(value)) value = std::numeric_limits<double>::quiet_NaN();  // no sign to be printed
+    return node({.value = value == 0 ? 0 : value});
+}
 
 Node FormulaGraph::variable(int axis) {
     assert(axis >= 0 && axis < 3);
@@ -98,7 +120,7 @@ Node FormulaGraph::variable(int axis) {
 
 Node FormulaGraph::fold(Op op, double a, double b, int exponent) {
     fold_program_.steps = {{.value = a}, {.value = b}, {.op = op, .a = 0, .b = 1, .exponent = exponent}};
-    run<Real>(fold_program_, {}, fold_values_, {});
+    run_program<Real>(fold_program_, {}, fold_values_, {});
     return constant(fold_values_[2].value);
 }
 
@@ -171,11 +193,12 @@ Node FormulaGraph::sum(Node a, Node b, bool minus) {
     const Scaled sa = scaled(a);
     const Scaled sb = scaled(b);
     if (sa.of == sb.of)
-        if (const auto both = exact_sum(sa.factor, minus ? -sb.factor : sb.factor)) return scale(*both, sa.of);
+        if (const auto both = exact_sum(sa.factor, minus ? -sb.factor : sb.factor))
+            return scale(*both, sa.of);
     if (sb.factor < 0) return sum(a, negate(b), !minus);
     if (!minus && sa.factor < 0) return sum(b, negate(a), true);
     if (minus && sa.factor == -1) return negate(sum(sa.of, b, false));
-    if (sa.factor == sb.factor && sa.factor != 1 && is_power_of_two(sa.factor))
+    if (sa.factor == sb.factor && sa.factor != 1 && is_power_of_two(sa.factor) && moves(sa.factor))
         return scale(sa.factor, sum(sa.of, sb.of, minus));
     if (minus) return node({.op = Op::subtract, .a = a, .b = b});
     return node({.op = Op::add, .a = std::min(a, b), .b = std::max(a, b)});
@@ -291,7 +314,8 @@ Node FormulaGraph::integer_power(Node base, int exponent) {
         return even ? positive : negate(positive);
     }
     if (exponent == 2 && s.factor != 1 && moves(s.factor))
-        if (const auto factor = exact_product(s.factor, s.factor)) return scale(*factor, integer_power(s.of, 2));
+        if (const auto factor = exact_product(s.factor, s.factor))
+            return scale(*factor, integer_power(s.of, 2));
     if (const Raised r = raised(base); r.exponent > 1 && std::abs(r.exponent * exponent) <= kMostPower)
         return integer_power(r.of, r.exponent * exponent);
     if (exponent == 2) return node({.op = Op::square, .a = base});
@@ -306,7 +330,7 @@ Node FormulaGraph::constant_power(double base, double exponent) {
     const Node f = apart.power(apart.variable(0), apart.constant(exponent));
     const Program program = apart.program(std::array{f});
     std::array<Real, 1> result;
-    run<Real>(program, {Real(base), Real(0), Real(0)}, fold_values_, result);
+    run_program<Real>(program, {Real(base), Real(0), Real(0)}, fold_values_, result);
     return constant(result[0].value);
 }
 

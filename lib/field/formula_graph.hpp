@@ -1,11 +1,12 @@
-// Formulas as a graph in which nothing stands twice: what is equal is one node, and no node is more than it must be.
+// Formulas as a graph in which nothing stands twice: what is equal is one node.
 //
-// Every function that makes a node simplifies first. The domain never changes: x/x stays, 0·log(x) stays, 0·x is 0.
-// The value may change in its last bits, and only so:
-//   * constants fold by the operations of `run<Real>`: the same bits as without folding;
-//   * factors move outwards, (c·u)·v = c·(u·v), if 2⁻⁶⁴ <= |c| <= 2⁶⁴; two constants become one only where that is
-//     exact: 2·(3·u) = 6·u, (u + 1) + 2 = u + 3, 3·u + 2·u = 5·u, but 3·(0.1·u) stays;
-//   * u·u = u², u²·u = u³, (u²)³ = u⁶, and u/4 = 0.25·u.
+// Every function that makes a node simplifies first. The domain never changes: x/x stays, 0·log(x) stays,
+// 0·x is 0. The value may change in its last bits, and only so:
+//   * constants fold by the operations of `run_program<Real>`: the same bits as without folding;
+//   * factors move outwards, (c·u)·v = c·(u·v), (c·u)/v = c·(u/v), if 2⁻⁶⁴ <= |c| <= 2⁶⁴;
+//   * two constants become one only where that is exact: 2·(3·u) = 6·u, (u + 1) + 2 = u + 3,
+//     3·u + 2·u = 5·u, but 3·(0.1·u) stays;
+//   * u·u = u², u²·u = u³, (u²)³ = u⁶, u/4 = 0.25·u, 2·u + 2·v = 2·(u + v).
 #pragma once
 
 #include <array>
@@ -13,7 +14,6 @@
 #include <cstdint>
 #include <optional>
 #include <span>
-#include <unordered_map>
 #include <vector>
 
 #include "core/real.hpp"
@@ -29,7 +29,7 @@ public:
     /// Integer powers up to here are Op::power; beyond, exp and log.
     static constexpr int kMostPower = 1000;
 
-    [[nodiscard]] Node constant(double value);  // −0 is 0
+    [[nodiscard]] Node constant(double value);  // −0 is 0, −NaN is NaN
     [[nodiscard]] Node variable(int axis);
     [[nodiscard]] Node negate(Node a);
     /// A function of one argument: square, abs, sqrt, exp, log, sin, cos, tan or step.
@@ -44,8 +44,8 @@ public:
     /// exp(exponent·log(base)), but ½ and −½ by the square root.
     [[nodiscard]] Node power(Node base, Node exponent);
 
-    /// ∂f/∂axis. What does not depend on the axis has derivative 0, also where it is undefined. At a kink of abs
-    /// the derivative of a >= 0, of min and max that of the first operand.
+    /// ∂f/∂axis. What does not depend on the axis has derivative 0, also where it is undefined. At a kink of
+    /// abs the derivative of a >= 0, of min and max that of the first operand.
     [[nodiscard]] Node derivative(Node f, int axis);
 
     /// The value of a constant, not finite where folding gave that; else empty.
@@ -55,9 +55,6 @@ public:
     [[nodiscard]] Program program(std::span<const Node> outputs) const;
 
 private:
-    struct Hash {
-        [[nodiscard]] std::size_t operator()(const Step& s) const;
-    };
     /// factor·of
     struct Scaled {
         double factor;
@@ -76,6 +73,7 @@ private:
     };
 
     [[nodiscard]] Node node(const Step& step);
+    [[nodiscard]] std::size_t slot_of(const Step& step) const;
     [[nodiscard]] Node fold(Op op, double a, double b = 0, int exponent = 0);
     [[nodiscard]] bool is(Node a, double value) const;
     [[nodiscard]] Scaled scaled(Node a) const;
@@ -93,7 +91,7 @@ private:
 
     std::vector<Step> steps_;
     std::vector<bool> total_;  // defined everywhere
-    std::unordered_map<Step, Node, Hash> numbers_;
+    std::vector<Node> table_;   // numbers of the steps by hash, open addressing, at most half full
     std::array<std::vector<Node>, 3> derivatives_;  // of each node, where known
     Program fold_program_;
     std::vector<Real> fold_values_;

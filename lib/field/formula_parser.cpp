@@ -39,9 +39,13 @@ constexpr Function kFunctions[] = {
 /// Bytes of the character of UTF-8 at the front; 0 where there is none.
 [[nodiscard]] std::size_t character_size(std::string_view text) {
     const auto lead = static_cast<unsigned char>(text.front());
-    const std::size_t size = lead < 0x80 ? 1 : lead < 0xC2 ? 0 : lead < 0xE0 ? 2 : lead < 0xF0 ? 3 : lead < 0xF5 ? 4 : 0;
+    std::size_t size = 4;
+    if (lead < 0x80) size = 1;
+    else if (lead < 0xE0) size = 2;
+    else if (lead < 0xF0) size = 3;
+    if ((lead >= 0x80 && lead < 0xC2) || lead > 0xF4) return 0;  // no first byte
     if (size > text.size()) return 0;
-    const std::string_view rest = text.substr(0, size).substr(std::min<std::size_t>(size, 1));
+    const std::string_view rest = text.substr(1, size - 1);
     return std::all_of(rest.begin(), rest.end(), continues_character) ? size : 0;
 }
 
@@ -267,10 +271,11 @@ private:
         const std::string_view before = text_.substr(0, at);
         const auto lines = std::count(before.begin(), before.end(), '\n');
         const std::string_view line = before.substr(before.rfind('\n') + 1);  // npos + 1 is 0
-        const auto column = 1 + line.size() -
-                            static_cast<std::size_t>(std::count_if(line.begin(), line.end(), continues_character));
-        return input_error("expression, {}column {}: {}", lines > 0 ? fmt::format("line {}, ", lines + 1) : "",
-                           column, fmt::format(format, std::forward<Args>(args)...));
+        const auto later_bytes = std::count_if(line.begin(), line.end(), continues_character);
+        const std::size_t column = 1 + line.size() - static_cast<std::size_t>(later_bytes);
+        return input_error("expression, {}column {}: {}",
+                           lines > 0 ? fmt::format("line {}, ", lines + 1) : "", column,
+                           fmt::format(format, std::forward<Args>(args)...));
     }
 
     [[nodiscard]] std::string_view word(std::size_t begin) const {

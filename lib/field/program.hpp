@@ -1,7 +1,7 @@
 // A formula as a list of steps, and its evaluation over any algebra.
 //
 // One representation serves everything: a number gives the value, an interval the range over a box, a polynomial
-// the restriction to a line, an interval with an error bound the rounding. `run` needs from its algebra T, found
+// the restriction to a line, an interval with an error bound the rounding. `run_program` needs from its algebra T, found
 // by argument-dependent lookup:
 //     T(double), + − × ÷, unary −, square, abs, sqrt, exp, log, sin, cos, tan, min, max, power(T, int), step(T).
 #pragma once
@@ -44,7 +44,7 @@ struct Program {
 ///   values   scratch: afterwards holds the result of every step
 ///   out      room for program.outputs.size()
 template <class T>
-void run(const Program& program, const std::array<T, 3>& at, std::vector<T>& values, std::span<T> out) {
+void run_program(const Program& program, const std::array<T, 3>& at, std::vector<T>& values, std::span<T> out) {
     values.clear();
     values.reserve(program.steps.size());
     for (const Step& s : program.steps) {

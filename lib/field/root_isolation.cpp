@@ -48,7 +48,7 @@ public:
     [[nodiscard]] Interval at(double t) const {
         const auto x = [t](double o, double d) { return Interval(o) + Interval(d) * Interval(t); };
         std::array<Interval, 1> out;
-        run<Interval>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
+        run_program<Interval>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
                       scratch_.intervals, out);
         return out[0];
     }
@@ -60,7 +60,7 @@ public:
             return Dual<Interval>(Interval(o) + slope * Interval(a, b), slope);
         };
         std::array<Dual<Interval>, 1> out;
-        run<Dual<Interval>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
+        run_program<Dual<Interval>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
                             scratch_.boxes, out);
         if (out[0].slope.empty()) out[0].slope = Interval::everything(false);
         return out[0];
@@ -68,7 +68,7 @@ public:
 
     [[nodiscard]] double value(double t) const {
         std::array<Real, 1> out;
-        run<Real>(f_, {Real(origin_.x + direction_.x * t), Real(origin_.y + direction_.y * t),
+        run_program<Real>(f_, {Real(origin_.x + direction_.x * t), Real(origin_.y + direction_.y * t),
                        Real(origin_.z + direction_.z * t)},
                   scratch_.numbers, out);
         return out[0].value;
@@ -77,7 +77,7 @@ public:
     [[nodiscard]] Dual<Real> value_and_slope(double t) const {
         const auto x = [t](double o, double d) { return Dual<Real>(Real(o + d * t), Real(d)); };
         std::array<Dual<Real>, 1> out;
-        run<Dual<Real>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
+        run_program<Dual<Real>>(f_, {x(origin_.x, direction_.x), x(origin_.y, direction_.y), x(origin_.z, direction_.z)},
                         scratch_.points, out);
         return out[0];
     }
@@ -363,14 +363,6 @@ struct RootIsolator::State {
     Expression f;
     std::optional<LinePolynomial> polynomial;
 };
-
-IsolationStats& IsolationStats::operator+=(const IsolationStats& more) {
-    undecided += more.undecided;
-    touching += more.touching;
-    poles += more.poles;
-    exact += more.exact;
-    return *this;
-}
 
 RootIsolator::RootIsolator(Expression f) {
     std::optional<LinePolynomial> polynomial = LinePolynomial::from(f.value());

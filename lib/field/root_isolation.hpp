@@ -12,29 +12,18 @@
 // part; a split at a root that f > 0 only touches makes none.) f = 0 all along, or lo = hi: no roots.
 #pragma once
 
-#include <cstdint>
 #include <memory>
 #include <vector>
 
 #include "core/vec.hpp"
 #include "field/expression.hpp"
+#include "field/isolation_stats.hpp"
 
 namespace pellucid {
 
 struct Root {
     double t;
     bool touching;  // f has a zero there and the same sign on both sides
-};
-
-/// What could not be decided, and what was met that is no root.
-struct IsolationStats {
-    std::uint64_t undecided = 0;  // clusters of pieces of kLeastShare of the interval that may hold more roots than were
-                                  // given, in even number, or (formula not surely continuous) one that is none
-    std::uint64_t touching = 0;   // roots given that do not change the sign
-    std::uint64_t poles = 0;      // changes of sign through infinity or across a gap: no roots
-    std::uint64_t exact = 0;      // intervals that needed exact arithmetic
-
-    IsolationStats& operator+=(const IsolationStats& more);
 };
 
 /// Where intervals are subdivided, roots closer to each other than this share of the interval may be told as one, or

@@ -34,7 +34,7 @@ void keep_hit(GatherContext& context, std::uint32_t lane, const ObjectRef& ref, 
               const Vec3& normal) {
     const Ray& ray = context.rays[lane];
     if (!ref.object->keeps(ray.origin + t * ray.direction)) return;
-    (*context.hits)[lane].push_back({t, ref.index, patch, normal});
+    context.hits->rays[lane].push_back({t, ref.index, patch, normal});
 }
 
 /// Context filter for triangles: depth anew in double from the plane of the triangle, then on.
@@ -88,12 +88,9 @@ void cross_patch(const RTCIntersectFunctionNArguments* args) {
         const Ray& ray = context.rays[lane];
         const double near = context.scene->camera.near();
         const double far = context.scene->camera.far();
-        std::array<Crossing, kMaxCrossings> found;
-        const int count = ref.object->geometry->crossings(args->primID, {ray.origin, ray.direction, near, far}, found);
-        for (int k = 0; k < count; ++k) {
-            const Crossing& crossing = found[static_cast<std::size_t>(k)];
+        ref.object->geometry->crossings(args->primID, {ray.origin, ray.direction, near, far}, context.hits->patch);
+        for (const Crossing& crossing : context.hits->patch.hits)
             keep_hit(context, lane, ref, args->primID, crossing.t, crossing.normal);
-        }
     }
 }
 
@@ -183,7 +180,7 @@ RayScene::~RayScene() = default;
 std::int64_t RayScene::bytes() const { return embree_->bytes; }
 
 void RayScene::gather(std::span<const Ray, kPacket> rays, PacketHits& hits) const {
-    for (auto& list : hits) list.clear();
+    for (auto& list : hits.rays) list.clear();
     const Embree& e = *embree_;
     if (e.scene == nullptr) return;
 
@@ -235,7 +232,7 @@ void RayScene::gather(std::span<const Ray, kPacket> rays, PacketHits& hits) cons
 
     const double near = scene_->camera.near();
     const double far = scene_->camera.far();
-    for (auto& list : hits) {
+    for (auto& list : hits.rays) {
         std::erase_if(list, [&](const RayHit& hit) { return !(hit.t >= near && hit.t <= far); });
         if (list.size() > 1)
             std::sort(list.begin(), list.end(), [](const RayHit& x, const RayHit& y) {

@@ -26,7 +26,12 @@ struct RayHit {
 };
 
 /// The hits of a packet's rays, each in order of depth (then of object and patch).
-using PacketHits = std::array<std::vector<RayHit>, kPacket>;
+struct PacketHits {
+    std::array<std::vector<RayHit>, kPacket> rays;
+    CrossingList patch;  // of one patch; its stats add up what fields could not decide
+
+    [[nodiscard]] const std::vector<RayHit>& operator[](std::size_t ray) const { return rays[ray]; }
+};
 
 class RayScene {
 public:

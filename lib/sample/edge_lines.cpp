@@ -28,9 +28,10 @@ using Triple = std::array<double, 3>;
     return view.perspective ? dot3(at, at) * (view.depth_scale * view.depth_scale) : 1;
 }
 
-/// Places `x` in view and decides.
-[[nodiscard]] bool keep(const LineView& view, const Triple& x, const Triple& g, const Triple& reach,
-                        double bound, double chance, LinePoint& out) {
+}  // namespace
+
+bool keep_crossing(const LineView& view, const Triple& x, const Triple& g, const Triple& reach, double bound,
+                   double chance, LinePoint& out) {
     for (std::size_t k = 0; k < 3; ++k) {
         const auto& m = view.to_view[k];
         out.view[k] = m[0] * x[0] + m[1] * x[1] + m[2] * x[2] + m[3];
@@ -48,8 +49,6 @@ using Triple = std::array<double, 3>;
     }
     return paid < bound * std::sqrt(dot3(out.normal, out.normal) * distance_squared(view, out.view));
 }
-
-}  // namespace
 
 LineView::LineView(const Camera& camera, const Affine& to_world, bool constant)
     : perspective(camera.perspective()), constant_law(constant), near(camera.near()), far(camera.far()) {
@@ -138,7 +137,7 @@ bool cross_box(const LineView& view, const BoxLines& lines, int label, double u,
     } else {
         g = {x[0] * beyond, x[1] * beyond, x[2] * rho};  // the gradient times ρ/2
     }
-    return keep(view, x, g, lines.reach, lines.bound, chance, out);
+    return keep_crossing(view, x, g, lines.reach, lines.bound, chance, out);
 }
 
 bool cross_cell(const LineView& view, const CellRecord& cell, double isovalue, int axis, double u, double v,
@@ -171,7 +170,7 @@ bool cross_cell(const LineView& view, const CellRecord& cell, double isovalue, i
     if (view.perspective && view.constant_law)
         for (std::size_t k = 0; k < 3; ++k)
             reach[k] = std::max(std::abs(base[k] - view.eye[k]), std::abs(base[k] + 1 - view.eye[k]));
-    return keep(view, x, g, reach, cell.bound, chance, out);
+    return keep_crossing(view, x, g, reach, cell.bound, chance, out);
 }
 
 bool throw_flat(const LineView& view, const FlatBlock& block, std::uint32_t piece, double u, double v,

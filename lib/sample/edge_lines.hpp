@@ -106,6 +106,12 @@ struct LinePoint {
 [[nodiscard]] bool throw_flat(const LineView& view, const FlatBlock& block, std::uint32_t piece, double u,
                               double v, double chance, LinePoint& out);
 
+/// Whether a crossing at `x` (object space) with gradient `g` is kept; then `out` holds it. The payment is bound,
+/// what it is compared with grows with `reach`.
+[[nodiscard]] bool keep_crossing(const LineView& view, const std::array<double, 3>& x,
+                                 const std::array<double, 3>& g, const std::array<double, 3>& reach, double bound,
+                                 double chance, LinePoint& out);
+
 /// Which random numbers: blocks 0 and 1 of Philox at (seed, object, repeat, block·2^32 + index).
 struct LineKeys {
     std::uint64_t seed = 0;

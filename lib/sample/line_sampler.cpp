@@ -173,12 +173,30 @@ int cut(const Body& body, std::array<Body, 8>& out) {
 
 }  // namespace
 
+struct LineSampler::Doubts {
+    std::atomic<std::uint64_t> undecided = 0, touching = 0, poles = 0, exact = 0;
+
+    void add(const IsolationStats& more) {
+        if (more.undecided != 0) undecided += more.undecided;
+        if (more.touching != 0) touching += more.touching;
+        if (more.poles != 0) poles += more.poles;
+        if (more.exact != 0) exact += more.exact;
+    }
+};
+
+IsolationStats LineSampler::isolation() const {
+    return {doubts_->undecided, doubts_->touching, doubts_->poles, doubts_->exact};
+}
+
 /// What the pieces of each kind weigh, while they are collected.
 struct LineSampler::Weights {
     std::vector<FlatPiece> patches, parts;
     std::vector<double> patch_weights, part_weights;
     std::array<std::vector<double>, 3> cells;  // along each axis
     std::vector<double> lines;
+    std::array<std::vector<FieldPiece>, 3> fields;  // along each axis
+    std::array<std::vector<double>, 3> field_weights;
+    std::vector<double> field_line_weights;
 };
 
 LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id)
@@ -186,11 +204,14 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
       camera_(&camera),
       object_id_(object_id),
       clipped_(!object.surface.clip.empty() ||
-               (object.surface.bounds && !std::holds_alternative<ImplicitShape>(object.surface.shape))) {
+               (object.surface.bounds && !object.bounds_are_geometry())) {
+    doubts_ = std::make_shared<Doubts>();
     const SurfaceGeometry& geometry = *object.geometry;
     const bool constant = object.surface.opacity_law == OpacityLaw::constant;
     const auto implicit = geometry.implicit();
     const auto trilinear = geometry.trilinear();
+    const auto field = geometry.field();
+    if (field) to_world_ = field->to_world;
     if (implicit) to_world_ = implicit->to_world;
     if (trilinear) {
         to_world_ = trilinear->to_world;
@@ -208,17 +229,21 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
         }
     } else {
         Weights weights;
-        for (std::size_t patch = 0; patch < patches; ++patch)
-            virtual_pixels_ +=
-                add_pieces(static_cast<std::uint32_t>(patch), geometry.body(patch), 0, weights);
+        if (field) {
+            add_fields(*field->cells, weights);
+        } else {
+            for (std::size_t patch = 0; patch < patches; ++patch)
+                virtual_pixels_ +=
+                    add_pieces(static_cast<std::uint32_t>(patch), geometry.body(patch), 0, weights);
+        }
         flats_ = std::move(weights.patches);
         flat_parts_ = flats_.size();
         flats_.insert(flats_.end(), weights.parts.begin(), weights.parts.end());
-        add_blocks(Kind::flat_patches, 0, weights.patch_weights);
-        add_blocks(Kind::flat_parts, 0, weights.part_weights);
+        add_blocks(Kind::flat_patches, 0, 0, weights.patch_weights);
+        add_blocks(Kind::flat_parts, 0, flat_parts_, weights.part_weights);
         for (int axis = 0; axis < 3; ++axis)
-            add_blocks(Kind::cells, axis, weights.cells[static_cast<std::size_t>(axis)]);
-        add_blocks(Kind::lines, 0, weights.lines);
+            add_blocks(Kind::cells, axis, 0, weights.cells[static_cast<std::size_t>(axis)]);
+        add_blocks(Kind::lines, 0, 0, weights.lines);
     }
     cells_.shrink_to_fit();
     std::vector<double> sums;
@@ -406,14 +431,133 @@ double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least
     return body.flat() ? 0 : whole;
 }
 
-void LineSampler::add_blocks(Kind kind, int axis, std::span<const double> weights) {
+void LineSampler::add_blocks(Kind kind, int axis, std::size_t offset, std::span<const double> weights) {
     for (std::size_t first = 0; first < weights.size(); first += kBlockPieces) {
         const auto block = weights.subspan(first, std::min(kBlockPieces, weights.size() - first));
         double sum = 0;
         for (const double w : block) sum += w;
-        const std::size_t offset = kind == Kind::flat_parts ? flat_parts_ : 0;
         if (sum > 0) blocks_.push_back({kind, axis, offset + first, sum, AliasTable(block), {}});
     }
+}
+
+/// Adds what can be seen of a formula's cells.
+void LineSampler::add_fields(const FieldCells& cells, Weights& weights) {
+    programs_ = std::make_shared<FieldPrograms>(cells.field());
+    // K of the lines along all edges: the most that any cell has.
+    for (const FieldCell& cell : cells.cells())
+        if (!cell.monotone(0) && !cell.monotone(1) && !cell.monotone(2))
+            for (int axis = 0; axis < 3; ++axis) field_labels_ = std::max(field_labels_, cells.most_roots(cell, axis));
+    for (std::size_t i = 0; i < cells.cells().size(); ++i)
+        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cells.box(cells.cells()[i]), 0, weights);
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        const std::size_t offset = fields_.size();
+        fields_.insert(fields_.end(), weights.fields[axis].begin(), weights.fields[axis].end());
+        add_blocks(Kind::fields, static_cast<int>(axis), offset, weights.field_weights[axis]);
+    }
+    add_blocks(Kind::field_lines, 0, 0, weights.field_line_weights);
+}
+
+/// The largest that |g·ρ|/|g_a| (constant law) or |N|/|g_a| (oblique) can be in a box of a cell in which f is
+/// monotone along a: both are functions of g_b/g_a alone. Infinite where intervals know no bound.
+double LineSampler::field_reach(const FieldCell& cell, const Box& box, std::size_t a) const {
+    const std::size_t b = (a + 1) % 3;
+    const std::size_t c = (a + 2) % 3;
+    const Interval ratio[2] = {cell.gradient[b] / cell.gradient[a], cell.gradient[c] / cell.gradient[a]};
+    constexpr double kRounding = 1 + 1e-12;
+    if (view_.constant_law) {
+        const auto rho = [&](std::size_t axis) {
+            const auto k = static_cast<int>(axis);
+            return view_.perspective ? Interval(box.lo[k], box.hi[k]) - Interval(view_.eye[axis])
+                                     : Interval(view_.eye[axis]);
+        };
+        return kRounding * (rho(a) + ratio[0] * rho(b) + ratio[1] * rho(c)).reach();
+    }
+    // |M_a + Σ (g_b/g_a) M_b| is convex in the ratios: largest at a corner.
+    double largest = 0;
+    for (const double u : {ratio[0].lo, ratio[0].hi})
+        for (const double v : {ratio[1].lo, ratio[1].hi}) {
+            double square = 0;
+            for (const auto& row : view_.normal) {
+                const double sum = row[a] + u * row[b] + v * row[c];
+                square += sum * sum;
+            }
+            largest = std::max(largest, square);
+        }
+    return kRounding * std::sqrt(largest);
+}
+
+/// Adds the surface in one box of a cell, whole or in parts; returns its virtual pixels.
+double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, const Box& box, int depth,
+                              Weights& weights) {
+    std::array<Vec3, 8> corners;
+    const int count = body_of(box, to_world_).vertices(corners);
+    const auto area = camera_->pixel_area_range(corners.data(), count);
+    if (!area || (depth > 0 && cells.excludes(box))) return 0;
+    const double nearest = least_depth(*camera_, corners.data(), count);
+    const FieldCell& cell = cells.cells()[index];
+
+    // Along the one axis that gives least, else along all.
+    int best = -1;
+    double whole = kInfinity;
+    double best_reach = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto a = static_cast<std::size_t>(axis);
+        if (!cell.monotone(a)) continue;
+        const double reach = field_reach(cell, box, a);
+        const double weight = edge_weight(to_world_, box, axis, reach, nearest, area->least);
+        if (weight < whole) {
+            best = axis;
+            whole = weight;
+            best_reach = reach;
+        }
+    }
+    std::array<double, 3> reach = view_.reach;
+    std::array<double, 3> along{};
+    if (best < 0) {
+        if (view_.perspective && view_.constant_law)
+            for (int k = 0; k < 3; ++k) {
+                const auto i = static_cast<std::size_t>(k);
+                reach[i] = std::max(std::abs(box.lo[k] - view_.eye[i]), std::abs(box.hi[k] - view_.eye[i]));
+            }
+        whole = 0;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            along[a] = field_labels_ * edge_weight(to_world_, box, axis, reach[a], nearest, area->least);
+            whole += along[a];
+        }
+    }
+    if (!(whole > 0)) return 0;
+
+    const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
+    if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && whole > 1))) {
+        std::array<std::size_t, 3> before{};
+        for (std::size_t a = 0; a < 3; ++a) before[a] = weights.fields[a].size();
+        const std::size_t lines_before = field_lines_.size();
+        std::array<Box, 8> parts;
+        const int part_count = cut(box, parts);
+        double sum = 0;
+        for (int i = 0; i < part_count; ++i)
+            sum += add_field(cells, index, parts[static_cast<std::size_t>(i)], depth + 1, weights);
+        if (sum < whole) return sum;
+        for (std::size_t a = 0; a < 3; ++a) {
+            weights.fields[a].resize(before[a]);
+            weights.field_weights[a].resize(before[a]);
+        }
+        field_lines_.resize(lines_before);
+        weights.field_line_weights.resize(lines_before);
+    }
+    FieldPiece piece{triple(box.lo), triple(box.hi), best_reach, edge_bound(nearest, area->least)};
+    if (best >= 0) {
+        weights.fields[static_cast<std::size_t>(best)].push_back(piece);
+        weights.field_weights[static_cast<std::size_t>(best)].push_back(whole);
+        return whole;
+    }
+    for (std::size_t a = 0; a < 3; ++a) {
+        if (!(along[a] > 0)) continue;
+        field_lines_.push_back({piece, reach, index, static_cast<int>(a)});
+        weights.field_line_weights.push_back(along[a]);
+    }
+    return whole;
 }
 
 struct LineSampler::Bits {
@@ -440,11 +584,15 @@ CellBlock LineSampler::cell_block(const Block& block) const {
     return {cells_.data() + block.first, isovalue_, block.axis};
 }
 
+FieldBlock LineSampler::field_block(const Block& block) const {
+    return {fields_.data() + block.first, programs_.get(), block.axis};
+}
+
 /// The point that a kernel has kept, unless it is clipped away.
 std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::uint32_t piece,
                                                       const LinePoint& found) const {
     const Vec3 view = vector(found.view);
-    if (block.kind == Kind::cells || block.kind == Kind::box) {
+    if (is_implicit(block)) {
         if (clipped_ && !object_->keeps(to_world_.point(vector(found.place)))) return std::nullopt;
         return Point{view, vector(found.normal)};
     }
@@ -475,6 +623,41 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
     return Point{view, camera_->view_vector(normal)};
 }
 
+std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, double u, double v,
+                                                    Vec3& place) const {
+    thread_local std::vector<FieldRoot> roots;
+    roots.clear();
+    const FieldCells& cells = *object_->geometry->field()->cells;
+    const int a = lines.axis;
+    const Vec3 lo = vector(lines.piece.lo);
+    const Vec3 hi = vector(lines.piece.hi);
+    const int b = (a + 1) % 3;
+    const int c = (a + 2) % 3;
+    place[a] = 0;
+    place[b] = lo[b] + u * (hi[b] - lo[b]);
+    place[c] = lo[c] + v * (hi[c] - lo[c]);
+    Vec3 along(0.0);
+    along[a] = 1;
+    IsolationStats stats;
+    cells.cross(cells.cells()[lines.cell], place, along, lo[a], hi[a], roots, stats);
+    const auto most = static_cast<std::size_t>(field_labels_);
+    if (roots.size() > most) {
+        stats.undecided += roots.size() - most;
+        roots.resize(most);
+    }
+    doubts_->add(stats);
+    return roots;
+}
+
+std::optional<LineSampler::Point> LineSampler::keep_field_root(const Block& block, const FieldLines& lines, Vec3 place,
+                                                               const FieldRoot& root, double chance) const {
+    place[lines.axis] = root.t;
+    LinePoint found;
+    if (!keep_crossing(view_, triple(place), triple(root.gradient), lines.reach, lines.piece.bound, chance, found))
+        return std::nullopt;
+    return finish(block, 0, found);
+}
+
 std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, const Bits& bits) const {
     const std::uint32_t piece =
         table(block) != nullptr ? block.table.pick(bits.second[0], bits.second[1]) : 0;
@@ -493,6 +676,17 @@ std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, cons
             kept = cross_box(view_, block.box, chosen_label(bits.choice(), block.box.labels), bits.u(),
                              bits.v(), bits.chance(), found);
             break;
+        case Kind::fields:
+            kept = cross_field(view_, field_block(block), piece, bits.u(), bits.v(), bits.chance(), found);
+            break;
+        case Kind::field_lines: {
+            const FieldLines& lines = field_lines_[block.first + piece];
+            Vec3 place;
+            const auto roots = field_roots(lines, bits.u(), bits.v(), place);
+            const auto label = static_cast<std::size_t>(chosen_label(bits.choice(), field_labels_));
+            if (label >= roots.size()) return std::nullopt;
+            return keep_field_root(block, lines, place, roots[label], bits.chance());
+        }
         case Kind::lines: return shoot_and_keep(pieces_[block.first + piece], bits);
     }
     return kept ? finish(block, piece, found) : std::nullopt;
@@ -513,7 +707,7 @@ std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block,
 }
 
 void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const {
-    const bool ready = !clipped_ && (block.kind == Kind::cells || block.kind == Kind::box);
+    const bool ready = !clipped_ && is_implicit(block);
     for (std::size_t i = 0; i < chunk.count; ++i) {
         const auto at = [&](const double(&lanes)[3][kChunkRoom]) {
             return std::array<double, 3>{lanes[0][i], lanes[1][i], lanes[2][i]};
@@ -530,7 +724,7 @@ void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std:
 void LineSampler::trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
                                   std::uint32_t count, std::vector<Point>& out) const {
     const Block& b = blocks_[block];
-    if (b.kind == Kind::lines) {
+    if (b.kind == Kind::lines || b.kind == Kind::field_lines) {
         for (std::uint32_t i = 0; i < count; ++i)
             if (const auto point = trial_in_block(block, seed, repeat, first + i)) out.push_back(*point);
         return;
@@ -545,6 +739,8 @@ void LineSampler::trials_in_block(std::size_t block, Seed seed, std::uint32_t re
             cross_boxes(view_, b.box, -1, words, n, chunk);
         } else if (b.kind == Kind::cells) {
             cross_cells(view_, cell_block(b), words, n, chunk);
+        } else if (b.kind == Kind::fields) {
+            cross_fields(view_, field_block(b), words, n, chunk);
         } else {
             throw_flats(flat_view_, flat_block(b), words, n, chunk);
         }
@@ -559,10 +755,10 @@ namespace {
 
 struct Shot {
     Vec3 origin{0.0}, direction{0.0};
-    std::array<Crossing, kMaxCrossings> hits{};
+    CrossingList found;
     int count = 0;
 
-    [[nodiscard]] Vec3 at(int i) const { return origin + hits[static_cast<std::size_t>(i)].t * direction; }
+    [[nodiscard]] Vec3 at(int i) const { return origin + found[static_cast<std::size_t>(i)].t * direction; }
 };
 
 /// A uniform random line through the body, and what it meets of the patch.
@@ -597,7 +793,7 @@ struct Shot {
     const double t_hi = exit_distance(body, shot.origin, shot.direction);
     // A hair beyond both ends: a surface may lie in a face of the body, where rounding would lose it.
     const double hair = 1e-12 * t_hi;
-    shot.count = geometry.crossings(patch, {shot.origin, shot.direction, -hair, t_hi + hair}, shot.hits);
+    shot.count = geometry.crossings(patch, {shot.origin, shot.direction, -hair, t_hi + hair}, shot.found);
     return shot;
 }
 
@@ -643,7 +839,7 @@ std::optional<LineSampler::Point> LineSampler::shoot_and_keep(const Piece& piece
                             static_cast<std::uint32_t>(choices));
     const auto j = static_cast<int>(choices >> 32U);
     if (j >= shot.count) return std::nullopt;
-    return keep(piece.patch, shot.hits[static_cast<std::size_t>(j)], shot.at(j), piece.least_area,
+    return keep(piece.patch, shot.found[static_cast<std::size_t>(j)], shot.at(j), piece.least_area,
                 unit_interval(bits.second[3]));
 }
 
@@ -654,8 +850,9 @@ double LineSampler::line_pixels() const {
     return area ? body.crofton_area() / area->least : 0;
 }
 
-int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
-                                   std::span<Point, kMaxCrossings> out) const {
+void LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
+                                    std::vector<Point>& out) const {
+    out.clear();
     const Bits bits(seed, object_id_, repeat, index);
     const auto third =
         random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = 2});
@@ -663,13 +860,11 @@ int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_
     const Body body = object_->geometry->body(0);
     const auto area = camera_->pixel_area_range(corners.data(), body.vertices(corners));
     const Shot shot = shoot(*object_->geometry, 0, body, bits.first, bits.second[2]);
-    int kept = 0;
     for (int i = 0; area && i < shot.count; ++i) {
         const auto k = static_cast<std::size_t>(i);
-        if (const auto point = keep(0, shot.hits[k], shot.at(i), area->least, unit_interval(third[k])))
-            out[static_cast<std::size_t>(kept++)] = *point;
+        if (const auto point = keep(0, shot.found[k], shot.at(i), area->least, unit_interval(third[k % 4])))
+            out.push_back(*point);
     }
-    return kept;
 }
 
 // ---- fast mode
@@ -677,13 +872,14 @@ int LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_
 int LineSampler::block_crossings(std::size_t block) const {
     const Block& b = blocks_[block];
     if (b.kind == Kind::box) return b.box.labels;
+    if (b.kind == Kind::field_lines) return field_labels_;
     return b.kind == Kind::lines ? object_->geometry->max_crossings() : 1;
 }
 
 void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count,
                                  Deal deal, std::span<std::vector<Point>, kLineGroup> out) const {
     const Block& b = blocks_[block];
-    assert(b.kind == Kind::box || b.kind == Kind::lines);
+    assert(b.kind == Kind::box || b.kind == Kind::lines || b.kind == Kind::field_lines);
     const int labels = block_crossings(block);
     if (b.kind == Kind::lines) {
         for (std::uint32_t i = 0; i < count; ++i) {
@@ -697,9 +893,24 @@ void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t gro
                 shoot(*object_->geometry, piece.patch, body_of_piece(piece, own), bits.first, bits.second[2]);
             for (int l = 0; l < shot.count; ++l)
                 if (const auto point =
-                        keep(piece.patch, shot.hits[static_cast<std::size_t>(l)], shot.at(l),
+                        keep(piece.patch, shot.found[static_cast<std::size_t>(l)], shot.at(l),
                              piece.least_area, turned_chance(unit_interval(bits.second[3]), l, labels)))
                     out[dealt(third[0], l, deal)].push_back(*point);
+        }
+        return;
+    }
+    if (b.kind == Kind::field_lines) {
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const Bits bits(seed, object_id_, group, (static_cast<std::uint64_t>(block) << 32U) | i);
+            const FieldLines& lines = field_lines_[b.first + b.table.pick(bits.second[0], bits.second[1])];
+            Vec3 place;
+            const auto roots = field_roots(lines, bits.u(), bits.v(), place);
+            for (std::size_t l = 0; l < roots.size(); ++l) {
+                const auto label = static_cast<int>(l);
+                if (const auto point =
+                        keep_field_root(b, lines, place, roots[l], turned_chance(bits.chance(), label, labels)))
+                    out[dealt(bits.choice(), label, deal)].push_back(*point);
+            }
         }
         return;
     }
@@ -728,7 +939,9 @@ std::size_t LineSampler::bytes() const {
                       cells_.capacity() * sizeof(CellRecord) + flats_.capacity() * sizeof(FlatPiece) +
                       own_positions_.capacity() * sizeof(Vec3) +
                       own_triangles_.capacity() * sizeof(own_triangles_[0]) +
-                      own_patches_.capacity() * sizeof(std::uint32_t) + blocks_.capacity() * sizeof(Block) +
+                      own_patches_.capacity() * sizeof(std::uint32_t) +
+                      fields_.capacity() * sizeof(FieldPiece) + field_lines_.capacity() * sizeof(FieldLines) +
+                      blocks_.capacity() * sizeof(Block) +
                       block_table_.bytes();
     for (const Block& block : blocks_) sum += block.table.bytes();
     return sum;

@@ -10,6 +10,8 @@
 // The fewer pixels V, the fewer trials:
 //   catalogue surfaces   lines along the edges of boxes that hold it     K = 1, 2 or 4   edge_lines.hpp
 //   trilinear cells      lines along the edges of the cell               K = 1           edge_lines.hpp
+//   formulas' cells      lines along the one edge that suits     K = 1           field_lines.hpp
+//   … where none does    lines along all edges of the cell       K by degree and intervals
 //   flat bodies          uniform points                                  K = 1           edge_lines.hpp
 //   parts of cut cells   uniform random lines through the piece's body   K = max_crossings;
 //                        then V = K · Crofton's area / least s, and w is paid in trials
@@ -24,14 +26,18 @@
 #pragma once
 
 #include <array>
+#include <atomic>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "core/random.hpp"
+#include "field/field_cells.hpp"
 #include "sample/alias_table.hpp"
 #include "sample/edge_lines.hpp"
+#include "sample/field_lines.hpp"
 #include "sample/particle_set.hpp"
 #include "scene/prepared_scene.hpp"
 
@@ -44,6 +50,8 @@ inline constexpr double kMostParticleOpacity = 1 - 0x1p-20;
 inline constexpr std::uint32_t kLineGroup = 16;
 
 class LineSampler {
+    struct Doubts;
+
 public:
     /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
     /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random
@@ -53,11 +61,15 @@ public:
     /// V above; 0 where nothing can be seen.
     [[nodiscard]] double virtual_pixels() const { return virtual_pixels_; }
     [[nodiscard]] std::size_t piece_count() const {
-        return flats_.size() + cells_.size() + box_count_ + pieces_.size();
+        return flats_.size() + cells_.size() + box_count_ + pieces_.size() + fields_.size() +
+               field_lines_.size() / 3;
     }
     [[nodiscard]] std::size_t bytes() const;
     [[nodiscard]] const Object& object() const { return *object_; }
     [[nodiscard]] std::uint32_t object_id() const { return object_id_; }
+
+    /// What fields could not decide so far; crossings beyond K count as undecided.
+    [[nodiscard]] IsolationStats isolation() const;
 
     struct Point {
         Vec3 view;         // view space
@@ -68,8 +80,8 @@ public:
     /// All crossings of a random line at once, as no sampler should: dependent particles in one repeat.
     /// Kept as the wrong twin of `trial` that the tests must reject: `line_pixels` takes the place of V. For
     /// surfaces of one patch that is not flat.
-    int trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
-                          std::span<Point, kMaxCrossings> out) const;
+    void trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64_t index,
+                           std::vector<Point>& out) const;
     [[nodiscard]] double line_pixels() const;
 
     /// Pieces come in blocks of neighbours, which fit into a near cache together: trials taken block by
@@ -99,7 +111,14 @@ private:
         std::int32_t part;  // index into parts_, or −1: the patch's own body
         double least_area;  // least s
     };
-    enum class Kind : std::uint8_t { flat_patches, flat_parts, cells, box, lines };
+    /// A cell of a formula, or part of one, in which lines along an axis may have several roots.
+    struct FieldLines {
+        FieldPiece piece;  // without its reach
+        std::array<double, 3> reach;
+        std::uint32_t cell;
+        int axis;
+    };
+    enum class Kind : std::uint8_t { flat_patches, flat_parts, cells, box, fields, field_lines, lines };
     struct Block {
         Kind kind;
         int axis;
@@ -119,16 +138,30 @@ private:
     double add_pieces(std::uint32_t patch, const Body& body, int depth, Weights& weights);
     double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
                     Weights& weights);
-    void add_blocks(Kind kind, int axis, std::span<const double> weights);
+    void add_fields(const FieldCells& cells, Weights& weights);
+    double add_field(const FieldCells& cells, std::uint32_t index, const Box& box, int depth, Weights& weights);
+    [[nodiscard]] double field_reach(const FieldCell& cell, const Box& box, std::size_t axis) const;
+    void add_blocks(Kind kind, int axis, std::size_t offset, std::span<const double> weights);
 
     [[nodiscard]] FlatBlock flat_block(const Block& block) const;
     [[nodiscard]] CellBlock cell_block(const Block& block) const;
+    [[nodiscard]] FieldBlock field_block(const Block& block) const;
+    /// Blocks whose kernels give points of object space, ready but for clip planes.
+    [[nodiscard]] static bool is_implicit(const Block& block) {
+        return block.kind == Kind::cells || block.kind == Kind::box || block.kind == Kind::fields ||
+               block.kind == Kind::field_lines;
+    }
     [[nodiscard]] const AliasTable* table(const Block& block) const {
         return block.kind == Kind::box ? nullptr : &block.table;
     }
     [[nodiscard]] std::optional<Point> finish(const Block& block, std::uint32_t piece,
                                               const LinePoint& found) const;
     [[nodiscard]] std::optional<Point> trial_on(const Block& block, const Bits& bits) const;
+    /// Roots of the line through `place`, which is set on the face across the piece's axis; they hold until the next call.
+    [[nodiscard]] std::span<const FieldRoot> field_roots(const FieldLines& piece, double u, double v,
+                                                         Vec3& place) const;
+    [[nodiscard]] std::optional<Point> keep_field_root(const Block& block, const FieldLines& piece, Vec3 place,
+                                                       const FieldRoot& root, double chance) const;
     const Body& body_of_piece(const Piece& piece, Body& own) const;
     [[nodiscard]] std::optional<Point> shoot_and_keep(const Piece& piece, const Bits& bits) const;
     [[nodiscard]] std::optional<Point> keep(std::uint32_t patch, const Crossing& hit, const Vec3& world,
@@ -147,6 +180,11 @@ private:
     std::vector<Piece> pieces_;
     std::vector<Body> parts_;
     std::vector<CellRecord> cells_;
+    std::vector<FieldPiece> fields_;
+    std::vector<FieldLines> field_lines_;
+    int field_labels_ = 1;  // K of field_lines_
+    std::shared_ptr<const FieldPrograms> programs_;
+    std::shared_ptr<Doubts> doubts_;
     std::vector<FlatPiece> flats_;
     std::size_t flat_parts_ = 0;       // the first of flats_ that is a part, once all are there
     std::vector<Vec3> own_positions_;  // of flat bodies that are no whole triangle of a mesh

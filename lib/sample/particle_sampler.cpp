@@ -86,10 +86,10 @@ public:
 
 private:
     void add_all_crossings(const LineSampler& sampler, std::uint64_t lines) {
+        std::vector<LineSampler::Point> points;
         for (std::uint64_t i = 0; i < lines; ++i) {
-            std::array<LineSampler::Point, kMaxCrossings> points;
-            const int found = sampler.trial_keeping_all(settings_.seed, repeat_, i, points);
-            for (int k = 0; k < found; ++k) push(points[static_cast<std::size_t>(k)]);
+            sampler.trial_keeping_all(settings_.seed, repeat_, i, points);
+            for (const LineSampler::Point& point : points) push(point);
         }
     }
 

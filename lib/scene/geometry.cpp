@@ -44,7 +44,7 @@ Vec3 SurfaceGeometry::color(const Vec3&) const { return Vec3(0.0); }
 bool has_geometry(const Shape& shape) {
     if (const auto* iso = std::get_if<IsosurfaceShape>(&shape))
         return iso->interpolation == Interpolation::trilinear;
-    return std::holds_alternative<ImplicitShape>(shape) || std::holds_alternative<MeshShape>(shape) ||
+    return std::holds_alternative<ImplicitShape>(shape) || std::holds_alternative<ExpressionShape>(shape) || std::holds_alternative<MeshShape>(shape) ||
            std::holds_alternative<RectangleShape>(shape);
 }
 
@@ -53,6 +53,8 @@ std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface) {
         if (!has_geometry(surface.shape)) throw input_error("shapes of this kind have no geometry yet");
         if (const auto* shape = std::get_if<ImplicitShape>(&surface.shape))
             return make_implicit(surface, *shape);
+        if (const auto* shape = std::get_if<ExpressionShape>(&surface.shape))
+            return make_expression(surface, *shape);
         if (const auto* shape = std::get_if<MeshShape>(&surface.shape)) return make_mesh(surface, *shape);
         if (const auto* shape = std::get_if<RectangleShape>(&surface.shape))
             return make_rectangle(surface, *shape);

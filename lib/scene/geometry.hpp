@@ -6,6 +6,7 @@
 //   rectangle  one patch                   flat body    1
 //   implicit   one patch, its bounds       box          1, 2 or 4
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
+//   expression a cell of an octree a patch cell         1 in most, any number in few
 #pragma once
 
 #include <array>
@@ -13,14 +14,18 @@
 #include <memory>
 #include <optional>
 #include <span>
+#include <vector>
 
 #include "core/image.hpp"
 #include "core/vec.hpp"
 #include "field/catalogue.hpp"
+#include "field/isolation_stats.hpp"
 #include "io/mesh_file.hpp"
 #include "scene/scene.hpp"
 
 namespace pellucid {
+
+class FieldCells;
 
 /// A convex body in world space, spanned by edges from one corner.
 struct Body {
@@ -43,12 +48,24 @@ struct Crossing {
     Vec3 normal{0.0};      // geometric, world; not normalised, never zero
 };
 
-inline constexpr int kMaxCrossings = 4;
+/// What a line met. Lists are meant to be used again, so that nothing is allocated.
+struct CrossingList {
+    std::vector<Crossing> hits;  // of the last call
+    IsolationStats stats;        // of all calls: what fields could not decide
+
+    [[nodiscard]] const Crossing& operator[](std::size_t i) const { return hits[i]; }
+};
 
 /// f = 0 inside the bounds, in object space: one patch.
 struct ImplicitPatch {
     const CatalogueSurface* field;
     Box bounds;
+    Affine to_world;
+};
+
+/// f = 0 of a formula, in cells of an octree: a cell a patch. Object space.
+struct FieldPatches {
+    const FieldCells* cells;
     Affine to_world;
 };
 
@@ -83,12 +100,13 @@ public:
     [[nodiscard]] virtual std::size_t patch_count() const = 0;
     [[nodiscard]] virtual Body body(std::size_t patch) const = 0;
     [[nodiscard]] virtual int max_crossings() const = 0;
-    /// Every crossing of a line with the part of the surface in the patch's body, ascending in t.
-    virtual int crossings(std::size_t patch, const Line& line,
-                          std::span<Crossing, kMaxCrossings> out) const = 0;
+    /// Every crossing of a line with the part of the surface in the patch's body, ascending in t: how many.
+    virtual int crossings(std::size_t patch, const Line& line, CrossingList& out) const = 0;
     /// What the surface is where its lines along edges have closed-form crossings; both are empty elsewhere.
     [[nodiscard]] virtual std::optional<ImplicitPatch> implicit() const { return std::nullopt; }
     [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
+    /// The cells of a formula's surface; empty elsewhere.
+    [[nodiscard]] virtual std::optional<FieldPatches> field() const { return std::nullopt; }
     /// Precondition: trilinear() has a value.
     [[nodiscard]] virtual TrilinearCorners cell(std::size_t patch) const;
     /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.
@@ -107,8 +125,8 @@ public:
     [[nodiscard]] virtual std::size_t bytes() const = 0;
 };
 
-/// True where this program can turn the shape into geometry (all but expressions, point sets,
-/// slices and interpolations other than trilinear).
+/// True where this program can turn the shape into geometry (all but point sets, slices and
+/// interpolations other than trilinear).
 [[nodiscard]] bool has_geometry(const Shape& shape);
 
 /// Reads files and builds the geometry of one surface. Throws Error(input) naming surface and file.

@@ -28,7 +28,8 @@ public:
                 {size.x * to_world_.linear[0], size.y * to_world_.linear[1], size.z * to_world_.linear[2]}};
     }
 
-    int crossings(std::size_t, const Line& line, std::span<Crossing, kMaxCrossings> out) const override {
+    int crossings(std::size_t, const Line& line, CrossingList& out) const override {
+        out.hits.clear();
         // Affine maps keep t. Clip to the bounds, where coordinates are no larger than the surface.
         const Vec3 origin = to_object_.point(line.origin);
         const Vec3 direction = to_object_.vector(line.direction);
@@ -53,7 +54,7 @@ public:
                                            std::min(line.t_hi, hi + hair), t);
         for (int i = 0; i < found; ++i) {
             const double root = t[static_cast<std::size_t>(i)];
-            out[static_cast<std::size_t>(i)] = {root, world_normal(origin + root * direction, direction)};
+            out.hits.push_back({root, world_normal(origin + root * direction, direction)});
         }
         return found;
     }

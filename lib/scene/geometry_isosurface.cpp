@@ -55,8 +55,8 @@ public:
                 {to_world_.linear[0], to_world_.linear[1], to_world_.linear[2]}};
     }
 
-    int crossings(std::size_t patch, const Line& line,
-                  std::span<Crossing, kMaxCrossings> out) const override {
+    int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
+        out.hits.clear();
         const Vec3 base(origin(patch));
         const Vec3 from = to_index_.point(line.origin) - base;
         const Vec3 direction = to_index_.vector(line.direction);
@@ -94,7 +94,7 @@ public:
         for (int i = 0; i < found; ++i) {
             const double t = lo + root[static_cast<std::size_t>(i)] * (hi - lo);
             const Vec3 normal = to_world_.normal(cell.gradient(inside(from + t * direction)));
-            out[static_cast<std::size_t>(i)] = {t, normal == Vec3(0.0) ? -line.direction : normal};
+            out.hits.push_back({t, normal == Vec3(0.0) ? -line.direction : normal});
         }
         return found;
     }

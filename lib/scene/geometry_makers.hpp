@@ -4,6 +4,7 @@
 #include <memory>
 
 #include "core/error.hpp"
+#include "field/expression.hpp"
 #include "scene/geometry.hpp"
 
 namespace pellucid {
@@ -12,5 +13,9 @@ namespace pellucid {
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_mesh(const Surface& surface, const MeshShape& shape);
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_rectangle(const Surface& surface, const RectangleShape& shape);
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_isosurface(const Surface& surface, const IsosurfaceShape& shape);
+
+[[nodiscard]] std::unique_ptr<SurfaceGeometry> make_expression(const Surface& surface, const ExpressionShape& shape);
+/// f = 0 in a box of object space.
+[[nodiscard]] std::unique_ptr<SurfaceGeometry> make_field(const Surface& surface, const Expression& field, const Box& bounds);
 
 }  // namespace pellucid

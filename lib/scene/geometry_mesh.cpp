@@ -19,7 +19,8 @@ public:
         return {Body::Kind::triangle, corner, {mesh_.positions[b] - corner, mesh_.positions[c] - corner, Vec3(0.0)}};
     }
 
-    int crossings(std::size_t patch, const Line& line, std::span<Crossing, kMaxCrossings> out) const override {
+    int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
+        out.hits.clear();
         // Möller-Trumbore, in double.
         const Body b = body(patch);
         const Vec3 normal = cross(b.edge[0], b.edge[1]);
@@ -31,7 +32,7 @@ public:
         const double v = -dot(b.edge[0], q) / against;
         const double t = -dot(normal, from) / against;
         if (!(u >= 0 && v >= 0 && u + v <= 1 && t >= line.t_lo && t <= line.t_hi)) return 0;
-        out[0] = {t, normal};
+        out.hits.push_back({t, normal});
         return 1;
     }
 

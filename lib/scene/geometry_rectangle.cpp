@@ -19,14 +19,15 @@ public:
         return {Body::Kind::parallelogram, center_ - u_ - v_, {2.0 * u_, 2.0 * v_, Vec3(0.0)}};
     }
 
-    int crossings(std::size_t, const Line& line, std::span<Crossing, kMaxCrossings> out) const override {
+    int crossings(std::size_t, const Line& line, CrossingList& out) const override {
+        out.hits.clear();
         const double against = dot(normal_, line.direction);
         if (against == 0) return 0;
         const double t = dot(normal_, center_ - line.origin) / against;
         if (!(t >= line.t_lo && t <= line.t_hi)) return 0;
         const Vec2 place = coordinates(line.origin + t * line.direction);
         if (std::abs(place.x) > 1 || std::abs(place.y) > 1) return 0;
-        out[0] = {t, normal_};
+        out.hits.push_back({t, normal_});
         return 1;
     }
 

@@ -10,8 +10,7 @@ namespace pellucid {
 bool Object::keeps(const Vec3& world) const {
     for (const ClipPlane& plane : surface.clip)
         if (dot(plane.normal, world) > plane.offset) return false;
-    // An implicit's bounds are part of its geometry: asking again would cut by rounding.
-    if (surface.bounds && !std::holds_alternative<ImplicitShape>(surface.shape)) {
+    if (surface.bounds && !bounds_are_geometry()) {
         const Vec3 p = to_object.point(world);
         for (int axis = 0; axis < 3; ++axis)
             if (p[axis] < surface.bounds->lo[axis] || p[axis] > surface.bounds->hi[axis]) return false;

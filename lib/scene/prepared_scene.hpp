@@ -15,6 +15,11 @@ struct Object {
     std::unique_ptr<SurfaceGeometry> geometry;
     Affine to_object;  // inverse of surface.to_world
 
+    /// Whether the surface's bounds are part of its geometry: to ask again would cut by rounding.
+    [[nodiscard]] bool bounds_are_geometry() const {
+        return std::holds_alternative<ImplicitShape>(surface.shape) ||
+               std::holds_alternative<ExpressionShape>(surface.shape);
+    }
     /// False where a clip plane or the surface's bounds cut the point away.
     [[nodiscard]] bool keeps(const Vec3& world) const;
     /// Opacity of one crossing under angle θ by the surface's law; `cos_theta` = |cosθ| in (0, 1].

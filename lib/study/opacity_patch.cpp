@@ -221,13 +221,11 @@ public:
     void look(double x, double y, double weight) {
         const Object& object = scene_.objects[0];
         const Ray ray = scene_.camera.ray(x, y);
-        std::array<Crossing, kMaxCrossings> found;
-        const int count = object.geometry->crossings(
-            0, {ray.origin, ray.direction, scene_.camera.near(), scene_.camera.far()}, found);
+        object.geometry->crossings(
+            0, {ray.origin, ray.direction, scene_.camera.near(), scene_.camera.far()}, found_);
         int layers = 0;
         double cosine = 0;
-        for (int i = 0; i < count; ++i) {
-            const Crossing& hit = found[static_cast<std::size_t>(i)];
+        for (const Crossing& hit : found_.hits) {
             if (!object.keeps(ray.origin + hit.t * ray.direction)) continue;
             ++layers;
             cosine = std::abs(dot(hit.normal, ray.direction)) / (length(hit.normal) * length(ray.direction));
@@ -253,6 +251,7 @@ public:
 
 private:
     const PreparedScene& scene_;
+    CrossingList found_;
 };
 
 [[nodiscard]] PixelProbe probe_pixel(const PreparedScene& scene, int column, int row) {

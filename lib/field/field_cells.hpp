@@ -1,0 +1,91 @@
+// The surface f = 0 in a box as cells of an octree: what sampler and truth share of a formula.
+//
+// Intervals throw away cells without a zero, and bound the gradient in those that stay. Where a component of the gradient
+// keeps its sign, a line along that axis crosses the surface at most once, and two values of f tell whether: certain
+// for two evaluations. Cells are cut until that holds along one axis and the gradient's direction varies little, or
+// until what is left of the surface is not worth it.
+//
+// Every decision on signs in cells is that of `run_program<Real>`, at places that neighbouring cells share to the last bit; cells
+// are thrown away only where |f| is above its rounding. So a line's crossings in all cells together are those of
+// one sequence of signs: none is lost or doubled at a face.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "core/interval.hpp"
+#include "field/expression.hpp"
+#include "field/isolation_stats.hpp"
+#include "field/root_isolation.hpp"
+
+namespace pellucid {
+
+struct FieldCell {
+    std::array<std::uint32_t, 3> base{};  // of 2^FieldCells::kDepth along each axis
+    std::uint32_t extent = 0;             // 2^(kDepth − level)
+    bool continuous = false;              // f is, all over the cell; otherwise gradients say nothing
+    std::array<Interval, 3> gradient;
+
+    /// Whether f is strictly monotone along an axis.
+    [[nodiscard]] bool monotone(std::size_t axis) const {
+        return continuous && !gradient[axis].has_zero() && !gradient[axis].empty();
+    }
+};
+
+/// A root on a line. The gradient there, or where it vanishes beside it: its direction is the normal's.
+struct FieldRoot {
+    double t;
+    Vec3 gradient;
+};
+
+struct FieldCellLimits {
+    std::size_t wanted = 1 << 13;  // all cells are cut until there are so many …
+    std::size_t most = 1 << 17;    // … and none when there are so many
+};
+
+class FieldCells {
+public:
+    static constexpr int kDepth = 30;
+    static constexpr std::uint32_t kPlanes = 1U << kDepth;
+    using Limits = FieldCellLimits;
+
+    /// `bounds` has a volume. Fewer cells where the formula is long, so that the work is bounded.
+    FieldCells(Expression f, const Box& bounds, const Limits& limits = {});
+
+    [[nodiscard]] const Expression& field() const { return field_; }
+    [[nodiscard]] const Box& bounds() const { return bounds_; }
+    [[nodiscard]] std::span<const FieldCell> cells() const { return cells_; }
+    /// Place of plane i of 0 … kPlanes along an axis: the same for all cells that touch it.
+    [[nodiscard]] double plane(int axis, std::uint32_t i) const;
+    [[nodiscard]] Box box(const FieldCell& cell) const;
+
+    /// True where f surely has no root in a box.
+    [[nodiscard]] bool excludes(const Box& box) const;
+
+    /// Roots in one cell with t in [t_lo, t_hi], ascending. Of the cells along a line each root is in one: a cell has
+    /// those at which the sign changes between the places where the line enters and leaves it.
+    void cross(const FieldCell& cell, const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,
+               std::vector<FieldRoot>& roots, IsolationStats& stats) const;
+
+    /// Most roots of a line along an axis through a cell, from degree and intervals; where these say nothing (or
+    /// more) kMostRoots.
+    [[nodiscard]] int most_roots(const FieldCell& cell, int axis) const;
+    static constexpr int kMostRoots = 8;
+
+    [[nodiscard]] std::size_t bytes() const { return cells_.capacity() * sizeof(FieldCell); }
+
+private:
+    struct Builder;
+    [[nodiscard]] Vec3 gradient_near(const Vec3& x, const Vec3& aside) const;
+    [[nodiscard]] FieldRoot refine(const Vec3& origin, const Vec3& direction, double lo, double hi, double f_lo,
+                                   double f_hi) const;
+
+    Expression field_;
+    RootIsolator isolator_;
+    Box bounds_;
+    std::vector<FieldCell> cells_;
+};
+
+}  // namespace pellucid
