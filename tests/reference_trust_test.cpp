@@ -251,6 +251,8 @@ TEST(TrustRoots, CertifiedCountsAreSturmsAndSamplingIsCaught) {
             const RootCounts right = count_roots(surface, certified_roots(surface), aim, 200, 40, {9});
             EXPECT_EQ(right.lines, 200U);
             EXPECT_EQ(right.checked, 40U);
+            EXPECT_EQ(count_roots(surface, traced_roots(surface), aim, 40, 40, {9}).mismatched, 0U)
+                << surface.name;
             EXPECT_EQ(right.mismatched, 0U) << surface.name;
             EXPECT_EQ(right.wrong_parity, 0U) << surface.name;
             EXPECT_EQ(right.above_degree, 0U) << surface.name;

@@ -132,10 +132,11 @@ void report_parity(Experiment& ex, const ParitySettings& s) {
     ex.check("random rays: odd numbers of hits per hit, lower bound, against Embree's tolerance",
              poisson_bounds(static_cast<double>(all.odd), level).lo / static_cast<double>(all.hits),
              "<=", kExtraPerHit);
-    // A hit is lost at an outline alone: the front's tolerance may reach beyond it and the back's not, or the other way.
+    // A hit is lost at an outline alone: the front's tolerance may reach beyond it and the back's not, or the
+    // other way.
     ex.check("random rays: share with an odd number of hits, one too few, lower bound, against outlines",
-             poisson_bounds(static_cast<double>(all.odd_short), level).lo / static_cast<double>(all.rays), "<=",
-             kSilhouetteShare);
+             poisson_bounds(static_cast<double>(all.odd_short), level).lo / static_cast<double>(all.rays),
+             "<=", kSilhouetteShare);
     ex.check(
         "random rays, meshes by formula: share that differs from exact arithmetic, lower bound, against "
         "silhouettes",
@@ -215,7 +216,7 @@ void report_roots(Experiment& ex, const RootSettings& s) {
          "lines_with_4",   "lines_with_5",     "lines_with_6",       "above_degree", "asymmetric_lines",
          "checked_lines",  "mismatched_lines", "wrong_parity_lines", "touching",     "undecided",
          "exact_intervals"});
-    RootCounts right, twin;  // sums of what must be 0
+    RootCounts right, traced, twin;  // sums of what must be 0
     std::uint64_t row = 0;
     const auto add = [](RootCounts& sum, const RootCounts& more) {
         sum.above_degree += more.above_degree;
@@ -237,6 +238,7 @@ void report_roots(Experiment& ex, const RootSettings& s) {
                 return c;
             };
             add(right, measure("certified", certified_roots(surface), s.lines));
+            add(traced, measure("traced", traced_roots(surface), std::min(s.lines, s.checked)));
             add(twin, measure("64 samples", sampled_roots(surface, 64), std::min(s.lines, s.checked)));
         }
     // On a line that lies on the surface f is 0 all along: no roots, and nothing left open.
@@ -256,6 +258,8 @@ void report_roots(Experiment& ex, const RootSettings& s) {
              "==", 0);
     ex.check("roots: lines through the centre whose roots are no pairs",
              static_cast<double>(right.asymmetric), "==", 0);
+    ex.check("roots, traced as a surface: lines whose count differs from Sturm's theorem",
+             static_cast<double>(traced.mismatched), "==", 0);
     ex.check("roots: left undecided", static_cast<double>(right.stats.undecided), "==", 0);
     ex.check("roots: of the twelve lines on the Clebsch cubic, not on it", static_cast<double>(off_it),
              "==", 0);

@@ -108,7 +108,7 @@ void LineShooter::gather(std::span<const Ray> rays, std::vector<std::vector<RayH
         const std::size_t count = std::min<std::size_t>(kPacket, rays.size() - first);
         for (std::size_t i = 0; i < kPacket; ++i) packet[i] = rays[first + std::min(i, count - 1)];
         rays_.gather(packet, found);
-        for (std::size_t i = 0; i < count; ++i) std::swap(hits[first + i], found[i]);
+        for (std::size_t i = 0; i < count; ++i) std::swap(hits[first + i], found.rays[i]);
     }
 }
 

@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 #include <mutex>
 #include <numbers>
 
 #include <boost/multiprecision/cpp_int.hpp>
+#include <fmt/format.h>
 
 #include "core/parallel.hpp"
+#include "study/trust_meshes.hpp"
 #include "study/trust_rays.hpp"
 
 namespace pellucid {
@@ -106,6 +109,33 @@ int sign_changes(const std::vector<Powers>& chain, const Number& t) {
     return changes;
 }
 
+/// The formula with its numbers in the place of their names, which are single letters.
+std::string literal(const AlgebraicSurface& surface) {
+    std::string text;
+    for (const char letter : surface.formula) {
+        const auto number = surface.parameters.find(std::string(1, letter));
+        text += number == surface.parameters.end() ? std::string(1, letter)
+                                                   : fmt::format("{:.17g}", number->second);
+    }
+    return text;
+}
+
+/// In a box that holds all of every root_line.
+Surface as_surface(const AlgebraicSurface& surface) {
+    Surface s;
+    s.name = surface.name;
+    s.shape = ExpressionShape{literal(surface)};
+    s.bounds = Box{Vec3(-3 * surface.radius), Vec3(3 * surface.radius)};
+    return s;
+}
+
+struct TracedSurface {
+    PreparedScene scene;
+    LineShooter shooter;
+    explicit TracedSurface(const AlgebraicSurface& surface)
+        : scene(scene_for_lines({as_surface(surface)})), shooter(scene) {}
+};
+
 }  // namespace
 
 std::span<const AlgebraicSurface> algebraic_surfaces() {
@@ -184,6 +214,20 @@ FindRoots certified_roots(const AlgebraicSurface& surface) {
     const RootIsolator isolator(Expression(surface.formula, surface.parameters));
     return [isolator](const RootLine& line, std::vector<Root>& roots, IsolationStats& stats) {
         isolator.isolate(line.origin, line.direction, line.lo, line.hi, roots, stats);
+    };
+}
+
+FindRoots traced_roots(const AlgebraicSurface& surface) {
+    const auto traced = std::make_shared<const TracedSurface>(surface);
+    return [traced](const RootLine& line, std::vector<Root>& roots, IsolationStats&) {
+        const double middle = 0.5 * (line.lo + line.hi);
+        const Ray ray = traced->shooter.through(line.origin + middle * line.direction, line.direction);
+        std::vector<std::vector<RayHit>> hits;
+        traced->shooter.gather({&ray, 1}, hits);
+        for (const RayHit& hit : hits[0]) {
+            const double t = dot(ray.origin + hit.t * ray.direction - line.origin, line.direction);
+            if (t > line.lo && t <= line.hi) roots.push_back({t, false});
+        }
     };
 }
 

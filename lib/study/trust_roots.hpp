@@ -53,6 +53,8 @@ struct ExactCount {
 
 using FindRoots = std::function<void(const RootLine&, std::vector<Root>&, IsolationStats&)>;
 [[nodiscard]] FindRoots certified_roots(const AlgebraicSurface& surface);
+/// The same by the truth: all hits of the ray with the formula as a surface of a scene.
+[[nodiscard]] FindRoots traced_roots(const AlgebraicSurface& surface);
 /// Wrong twin: changes of sign between `points` equal steps.
 [[nodiscard]] FindRoots sampled_roots(const AlgebraicSurface& surface, int points);
 
