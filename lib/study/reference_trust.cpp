@@ -239,7 +239,7 @@ void report_roots(Experiment& ex, const RootSettings& s) {
             };
             add(right, measure("certified", certified_roots(surface), s.lines));
             add(traced, measure("traced", traced_roots(surface), std::min(s.lines, s.checked)));
-            add(twin, measure("64 samples", sampled_roots(surface, 64), std::min(s.lines, s.checked)));
+            add(twin, measure("16 samples", sampled_roots(surface, 16), std::min(s.lines, s.checked)));
         }
     // On a line that lies on the surface f is 0 all along: no roots, and nothing left open.
     const AlgebraicSurface& clebsch = algebraic_surfaces()[1];
@@ -264,7 +264,7 @@ void report_roots(Experiment& ex, const RootSettings& s) {
     ex.check("roots: of the twelve lines on the Clebsch cubic, not on it", static_cast<double>(off_it),
              "==", 0);
     ex.check("roots: found on the lines that lie on it", static_cast<double>(on_it.size()), "==", 0);
-    ex.check("roots, wrong twin, signs at 64 points: lines whose count differs",
+    ex.check("roots, wrong twin, signs at 16 points: lines whose count differs",
              static_cast<double>(twin.mismatched), ">", 0);
 }
 
