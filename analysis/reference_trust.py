@@ -118,12 +118,14 @@ def draw_roots(ax, table) -> str:
     ax.grid(axis="y", visible=False)
     ax.legend(ncols=7, loc="upper center", title=None, handlelength=1, columnspacing=1)
     certified = table[table.finder == "certified"]
-    traced = table[table.finder == "traced"]
+    traced = table[(table.finder == "traced") & (table.lines_kind == "random")]
+    centre = table[(table.finder == "traced") & (table.lines_kind == "centre")]
     twin = table[table.finder == "16 samples"]
     panel_letter(ax, "d", f"root counts: {certified.mismatched_lines.sum():.0f} of {certified.checked_lines.sum():.0f} differ from Sturm's theorem")
     return (f"d: certified roots of {certified.lines.sum():.3g} lines: {certified.mismatched_lines.sum():.0f} of "
             f"{certified.checked_lines.sum():.0f} counts differ from Sturm's theorem, {certified.undecided.sum():.0f} undecided; "
-            f"traced as surfaces of a scene {traced.mismatched_lines.sum():.0f} of {traced.checked_lines.sum():.0f}; sampling at 16 points instead is wrong on {twin.mismatched_lines.sum():.0f} of {twin.checked_lines.sum():.0f}")
+            f"traced as surfaces of a scene {traced.mismatched_lines.sum():.0f} of {traced.checked_lines.sum():.0f}, and "
+            f"{centre.mismatched_lines.sum():.0f} of {centre.checked_lines.sum():.0f} lines aimed at a corner of cells; sampling at 16 points instead is wrong on {twin.mismatched_lines.sum():.0f} of {twin.checked_lines.sum():.0f}")
 
 
 def draw_stated(ax, table) -> str:
