@@ -24,8 +24,10 @@ constexpr int kSets = 4;
 constexpr int kPilotStrata = 4;
 /// Strata a side of a set where 16 sub-rays are all that is asked for.
 constexpr int kFewStrata = 2;
-/// Errors up to this many times what was asked are the scatter of estimates with three degrees of freedom.
+/// Errors up to so many times what was asked are the scatter of estimates: with three degrees of freedom (particle
+/// filter), and with at least 48.
 constexpr double kLuckyPilot = 2;
+constexpr double kLuckyPilotOfBox = 1.3;
 /// Behind this transmittance nothing is seen: an order below a float's last digit.
 constexpr double kOpaque = 1e-9;
 /// Depths closer than this share of themselves and of the eye's coordinates are equal: rounding of the same place, told
@@ -85,7 +87,7 @@ public:
         nearest_ = std::numeric_limits<double>::infinity();
         signature = {};
         pool_.clear();
-        for (Rgba& sum : box_) sum = {};
+        strata_sums_.assign(static_cast<std::size_t>(strata) * static_cast<std::size_t>(strata), {});
         if (strata == kFewStrata)
             trace_all_sets(x, y);
         else
@@ -129,7 +131,8 @@ private:
                 ray_scene_.gather(packet, found_);
                 rays += kPacket;
                 for (int i = 0; i < kPacket; ++i)
-                    add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], set);
+                    add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], set,
+                            (block_y + (i >> 2)) * strata + block_x + (i & 3));
             }
     }
 
@@ -148,7 +151,7 @@ private:
         ray_scene_.gather(packet, found_);
         rays += kPacket;
         for (int i = 0; i < kPacket; ++i)
-            add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], i >> 2);
+            add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], i >> 2, i & 3);
     }
 
     /// Of a pixel in the whole image, so that a crop has the same pixels.
@@ -157,7 +160,7 @@ private:
                static_cast<std::uint64_t>(x + scene_.camera.crop().x0);
     }
 
-    void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set) {
+    void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set, int stratum) {
         hits += list.size();
         const double ray_length = length(ray.direction);
         const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)});
@@ -165,7 +168,7 @@ private:
         for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
         signature.add(objects, static_cast<std::uint32_t>(list.size()));
         double clear = 1;
-        Rgba& sum = box_[set];
+        Rgba sum;
         for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
             // Crossings at one depth are mixed, whatever their order.
             std::size_t end = i + 1;
@@ -195,6 +198,11 @@ private:
             sum.c[3] += clear * (1 - passes);
             clear *= passes;
         }
+        StratumSums& sums = strata_sums_[static_cast<std::size_t>(stratum)];
+        for (std::size_t c = 0; c < 4; ++c) {
+            sums.value[c] += sum.c[c];
+            sums.square[c] += sum.c[c] * sum.c[c];
+        }
     }
 
     /// Equation (4.4) of the zSlab dissertation, for any number: what a layer of mixed_ keeps of its colour when the layers at its depth
@@ -213,14 +221,18 @@ private:
         return integral;
     }
 
+    /// Every stratum has one sub-ray of each set: their spread within strata is the variance of the stratified mean,
+    /// without bias and with three degrees of freedom a stratum.
     void estimate_box() {
         mean = variance = repeat_variance = {};
-        for (int c = 0; c < 4; ++c) {
-            for (const Rgba& set : box_) mean.c[c] += set.c[c] / sub_rays_ / kSets;
-            for (const Rgba& set : box_) {
-                const double off = set.c[c] / sub_rays_ - mean.c[c];
-                variance.c[c] += off * off / (kSets * (kSets - 1));
+        const auto strata = static_cast<double>(strata_sums_.size());
+        for (std::size_t c = 0; c < 4; ++c) {
+            for (const StratumSums& sums : strata_sums_) {
+                mean.c[c] += sums.value[c];
+                variance.c[c] += std::max(0.0, sums.square[c] - sums.value[c] * sums.value[c] / kSets);
             }
+            mean.c[c] /= kSets * strata;
+            variance.c[c] /= (kSets - 1) * kSets * strata * strata;
         }
     }
 
@@ -285,7 +297,11 @@ private:
     PacketHits found_;
     std::vector<PooledLayer> pool_;
     std::vector<MixedLayer> mixed_;  // of one ray and depth
-    Rgba box_[kSets];
+    struct StratumSums {  // over the sets
+        double value[4]{};
+        double square[4]{};
+    };
+    std::vector<StratumSums> strata_sums_;
     int sub_rays_ = 0;
     double nearest_ = 0;
 };
@@ -416,12 +432,13 @@ private:
         met.add(tracer.signature);
         // The pilot was lucky where the error is this much larger: what it missed is then known, and the
         // choice among estimates that remains is of the rarest.
-        while (tracer.worst_error() > kLuckyPilot * settings_.max_error && 2 * strata <= finest()) {
+        const double lucky = settings_.filter == PixelFilter::box ? kLuckyPilotOfBox : kLuckyPilot;
+        while (tracer.worst_error() > lucky * settings_.max_error && 2 * strata <= finest()) {
             strata *= 2;
             tracer.trace(x, y, strata, false);
             met.add(tracer.signature);
         }
-        const bool unresolved = tracer.worst_error() > kLuckyPilot * settings_.max_error ||
+        const bool unresolved = tracer.worst_error() > lucky * settings_.max_error ||
                                 (strata < wanted && tracer.worst_error() > settings_.max_error);
         keep(tracer, i, strata, met, unresolved);
     }

@@ -25,7 +25,7 @@ struct TruthSettings {
     PixelFilter filter = PixelFilter::box;
     Seed seed{};
     /// A pilot of 64 sub-rays tells how many a pixel needs for this standard error in every channel. What is
-    /// reported is the error of the sub-rays that follow, which scatters up to twice as large …
+    /// reported is the error of the sub-rays that follow, which scatters up to 1.3 (particle filter: 2) times as large …
     double max_error = 0.002;
     /// … as it does where a pixel would need more than this many; 64, 256, 1024, …
     int max_samples = 4096;
@@ -53,7 +53,8 @@ struct TruthStats {
 /// permitting): slivers slip between few rays, and agreement is then no measure of the error.
 ///
 /// Four independent sets of jittered sub-rays (4×4 strata each, or 8×8, …) give a pixel's mean and the
-/// standard error of it. They share nothing with the pilot: an estimate that decides when to stop is too small.
+/// standard error of it: from the four sub-rays of each stratum (box), or from the sets by jackknife (particle). They
+/// share nothing with the pilot: an estimate that decides when to stop is too small.
 ///   progress  told the share that is done of the first look at all pixels; from one thread at a time
 [[nodiscard]] Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats,
                                 const std::function<void(double)>& progress = [](double) {});
