@@ -394,8 +394,14 @@ void FieldCells::cross(const FieldCell& cell, const Vec3& origin, const Vec3& di
     const auto value = [&](double t) {
         return evaluate_at<Real, 1>(field_.value(), reals(origin + t * direction))[0].value;
     };
-    const double f_lo = value(lo);
-    const double f_hi = value(hi);
+    // Rounding may put an end of a cell beside the domain of f, where no neighbour asks for its sign.
+    const double step_inside = 1e-9 * (hi - lo);
+    const auto value_at_end = [&](double t, double inside) {
+        const double f = value(t);
+        return std::isnan(f) && cell.continuous ? value(inside) : f;
+    };
+    const double f_lo = value_at_end(lo, lo + step_inside);
+    const double f_hi = value_at_end(hi, hi - step_inside);
 
     double least = 0;
     double most = 0;
