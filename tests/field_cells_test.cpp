@@ -273,6 +273,23 @@ TEST(FieldCells, PlanesBesideThoseOfTheOctreeHaveNoHoles) {
     }
 }
 
+// √x at x = 0, a plane of the octree: places that rounding puts at x < 0 are no change of sign.
+TEST(FieldCells, EdgesOfTheDomainAreNoSurface) {
+    for (const char* text : {"sqrt(x)+1+0*y", "sqrt(x)-y", "log(1+sqrt(x))+y"}) {
+        const FieldCells cells(Expression(text), cube(1), kFew);
+        const RootIsolator isolator(cells.field());
+        Lines lines(cells, 9);
+        for (int i = 0; i < 4000; ++i) {
+            const Segment s = lines.any();
+            if (!(s.lo < s.hi)) continue;
+            std::vector<Root> roots;
+            IsolationStats stats;
+            isolator.isolate(s.origin, s.direction, s.lo, s.hi, roots, stats);
+            ASSERT_EQ(crossed(cells, s).size(), roots.size()) << text << " line " << i;
+        }
+    }
+}
+
 // ---- from far away, through the geometry
 
 TEST(FieldGeometry, LinesFromAMillionSizesAwayMeetTheSphereTwice) {
