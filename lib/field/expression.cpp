@@ -75,6 +75,11 @@ struct Expression::State {
     std::array<std::optional<int>, 3> degree_along;
     bool has_kinks = false;
 
+    std::shared_ptr<const State> zeros;  // null: of itself
+    bool touches = false;
+
+    void complete(std::string_view read_text);
+
     // For the Hessian
     Node f = 0;
     std::array<Node, 3> first{};
@@ -84,30 +89,45 @@ struct Expression::State {
 };
 
 Expression::Expression(std::string_view text, const std::map<std::string, double>& parameters) {
+    FormulaGraph graph;
+    const Node f = parse_formula(text, parameters, kMostDepth, graph);
     const auto state = std::make_shared<State>();
-    State& s = *state;
-    FormulaGraph& graph = s.graph;
-    s.f = parse_formula(text, parameters, kMostDepth, graph);
-    s.value = graph.program(std::array{s.f});
-    if (s.value.steps.size() > kMostOperations)
-        throw input_error("expression: {} operations after simplification, expected at most {}",
-                          s.value.steps.size(), kMostOperations);
-
-    s.text = text;
-    for (int axis = 0; axis < 3; ++axis) {
-        const auto i = static_cast<std::size_t>(axis);
-        s.first[i] = graph.derivative(s.f, axis);
-        s.slope[i] = graph.program(std::array{s.f, s.first[i]});
-        s.degree_along[i] = degree_of(s.value, {axis == 0, axis == 1, axis == 2});
+    const Node zeros = graph.zeros(f, state->touches);
+    if (zeros != f) {
+        const auto simpler = std::make_shared<State>();
+        simpler->graph = graph;
+        simpler->f = zeros;
+        simpler->complete(text);
+        state->zeros = simpler;
     }
-    s.gradient = graph.program(std::array{s.f, s.first[0], s.first[1], s.first[2]});
-    s.degree = degree_of(s.value, {true, true, true});
-    const auto has_kink = [](const Step& step) {
-        return step.op == Op::abs || step.op == Op::min || step.op == Op::max;
-    };
-    s.has_kinks = std::any_of(s.value.steps.begin(), s.value.steps.end(), has_kink);
+    state->graph = std::move(graph);
+    state->f = f;
+    state->complete(text);
     state_ = state;
 }
+
+/// All but the Hessian, from graph and f.
+void Expression::State::complete(std::string_view read_text) {
+    value = graph.program(std::array{f});
+    if (value.steps.size() > kMostOperations)
+        throw input_error("expression: {} operations after simplification, expected at most {}", value.steps.size(),
+                          kMostOperations);
+    text = read_text;
+    for (int axis = 0; axis < 3; ++axis) {
+        const auto i = static_cast<std::size_t>(axis);
+        first[i] = graph.derivative(f, axis);
+        slope[i] = graph.program(std::array{f, first[i]});
+        degree_along[i] = degree_of(value, {axis == 0, axis == 1, axis == 2});
+    }
+    gradient = graph.program(std::array{f, first[0], first[1], first[2]});
+    degree = degree_of(value, {true, true, true});
+    has_kinks = std::any_of(value.steps.begin(), value.steps.end(), [](const Step& step) {
+        return step.op == Op::abs || step.op == Op::min || step.op == Op::max;
+    });
+}
+
+Expression Expression::zeros() const { return state_->zeros ? Expression(state_->zeros) : *this; }
+bool Expression::touches() const { return state_->touches; }
 
 const Program& Expression::value() const { return state_->value; }
 

@@ -50,6 +50,10 @@ public:
     [[nodiscard]] std::optional<int> degree_along(int axis) const;
     /// Whether abs, min or max stands in it: second derivatives then say nothing about kinks.
     [[nodiscard]] bool has_kinks() const;
+    /// A simpler formula that is 0 in the same places: of (x² − 1)³ and of 2·|x² − 1| it is x² − 1.
+    [[nodiscard]] Expression zeros() const;
+    /// Whether it changes its sign where this one, a square or the like, does not.
+    [[nodiscard]] bool touches() const;
     /// As read.
     [[nodiscard]] const std::string& text() const;
 
@@ -59,6 +63,7 @@ public:
 
 private:
     struct State;
+    explicit Expression(std::shared_ptr<const State> state) : state_(std::move(state)) {}
     std::shared_ptr<const State> state_;
 };
 

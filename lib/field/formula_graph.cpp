@@ -124,6 +124,34 @@ Node FormulaGraph::fold(Op op, double a, double b, int exponent) {
     return constant(fold_values_[2].value);
 }
 
+FormulaGraph::Node FormulaGraph::zeros(Node f, bool& touches) { return zeros(f, touches, 0); }
+
+FormulaGraph::Node FormulaGraph::zeros(Node f, bool& touches, int depth) {
+    constexpr int kMostFactors = 64;  // of a product: those beyond stay as they are
+    for (;;) {
+        const Step s = steps_[f];
+        if (s.op == Op::multiply && depth < kMostFactors) {
+            if (constant_value(s.a).value_or(0) != 0) {
+                f = s.b;
+                continue;
+            }
+            if (constant_value(s.b).value_or(0) != 0) {
+                f = s.a;
+                continue;
+            }
+            const Node a = zeros(s.a, touches, depth + 1);
+            const Node b = zeros(s.b, touches, depth + 1);
+            return a == s.a && b == s.b ? f : multiply(a, b);
+        }
+        const bool even = s.op == Op::square || s.op == Op::abs || s.op == Op::sqrt ||
+                          (s.op == Op::power && s.exponent > 0 && s.exponent % 2 == 0);
+        const bool odd = s.op == Op::negate || (s.op == Op::power && s.exponent > 0 && s.exponent % 2 != 0);
+        if (!even && !odd) return f;
+        touches = touches || even;
+        f = s.a;
+    }
+}
+
 std::optional<double> FormulaGraph::constant_value(Node a) const {
     return steps_[a].op == Op::constant ? std::optional(steps_[a].value) : std::nullopt;
 }

@@ -48,6 +48,10 @@ public:
     /// abs the derivative of a >= 0, of min and max that of the first operand.
     [[nodiscard]] Node derivative(Node f, int axis);
 
+    /// A simpler formula that is 0 where f is: without powers, roots, signs and constant factors around it and around the
+    /// factors of a product. `touches`: whether f lost its change of sign to one of them (a square, abs, √).
+    [[nodiscard]] Node zeros(Node f, bool& touches);
+
     /// The value of a constant, not finite where folding gave that; else empty.
     [[nodiscard]] std::optional<double> constant_value(Node a) const;
 
@@ -86,6 +90,7 @@ private:
     [[nodiscard]] Node product(Node a, Node b);
     [[nodiscard]] Node integer_power(Node base, int exponent);
     [[nodiscard]] Node constant_power(double base, double exponent);
+    [[nodiscard]] Node zeros(Node f, bool& touches, int depth);
     [[nodiscard]] Node chain(Node outer, Node inner);
     [[nodiscard]] Node derivative_of_step(Node f, const std::vector<Node>& d);
 

@@ -72,7 +72,10 @@ std::unique_ptr<SurfaceGeometry> make_field(const Surface& surface, const Expres
     const Vec3 size = bounds.size();
     if (!(size.x > 0 && size.y > 0 && size.z > 0))
         throw input_error("bounds have no volume: {} × {} × {}", size.x, size.y, size.z);
-    return std::make_unique<FieldGeometry>(field, bounds, surface.to_world);
+    if (field.touches())
+        warn("surface \"{}\": the formula touches zero without a change of sign; what is drawn is where it is zero",
+             surface.name);
+    return std::make_unique<FieldGeometry>(field.zeros(), bounds, surface.to_world);
 }
 
 std::unique_ptr<SurfaceGeometry> make_expression(const Surface& surface, const ExpressionShape& shape) {
