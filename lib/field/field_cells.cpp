@@ -305,6 +305,9 @@ struct FieldCells::Builder {
 
 FieldCells::FieldCells(Expression f, const Box& bounds, const Limits& limits)
     : field_(std::move(f)), isolator_(field_), bounds_(bounds) {
+    // A constant has no surface, not even where it is 0.
+    const Program& value = field_.value();
+    if (value.steps[value.outputs[0]].op == Op::constant) return;
     // Second derivatives say nothing about kinks, and those of long formulas are too many.
     const bool curvature = !field_.has_kinks() && field_.gradient().steps.size() < kMostGradientSteps;
     double reach = length(bounds_.size());
