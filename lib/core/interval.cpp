@@ -2,15 +2,21 @@
 
 #include <algorithm>
 
+#include "core/real.hpp"
+
 namespace pellucid {
 namespace {
 
 constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
-/// The C library's functions are within one unit (glibc manual, known maximum errors), so the truth is within
-/// two.
-[[nodiscard]] double library_down(double value) { return round_down(round_down(value)); }
-[[nodiscard]] double library_up(double value) { return round_up(round_up(value)); }
+/// Functions by Real: the same bits on every machine, so cells and particles are too.
+constexpr double kFunctionError = (kElementaryUlp + 1) * 0x1p-52;
+[[nodiscard]] double function_down(Real value) {
+    const double v = value.value;
+    if (v == kInfinity) return std::numeric_limits<double>::max();
+    return v - (kFunctionError * std::abs(v) + 8 * std::numeric_limits<double>::denorm_min());
+}
+[[nodiscard]] double function_up(Real value) { return -function_down(-value); }
 
 /// 0·∞ and ∞/∞ stand for limits whose bounds the other pairs of ends give: they count as 0.
 [[nodiscard]] double or_zero(double value) { return std::isnan(value) ? 0.0 : value; }
@@ -60,14 +66,14 @@ constexpr double kInfinity = std::numeric_limits<double>::infinity();
 
 constexpr double kPerTurn = 0.15915494309189533577;   // 1/2π
 constexpr double kPerHalfTurn = 0.31830988618379067154;  // 1/π
-constexpr double kMostArgument = 1e15;
+constexpr double kMostArgument = 1.6e6;  // up to there Real has its own sine
 
 [[nodiscard]] bool too_far(const Interval& a) { return !(a.lo >= -kMostArgument && a.hi <= kMostArgument); }
 
 /// A wave with the given values at the ends and its maxima and minima at these turns, plus integers.
 [[nodiscard]] Interval wave(const Interval& a, double at_lo, double at_hi, double maximum, double minimum) {
-    double lo = std::max(-1.0, library_down(std::min(at_lo, at_hi)));
-    double hi = std::min(1.0, library_up(std::max(at_lo, at_hi)));
+    double lo = std::max(-1.0, function_down(Real(std::min(at_lo, at_hi))));
+    double hi = std::min(1.0, function_up(Real(std::max(at_lo, at_hi))));
     if (a.lo < a.hi) {
         if (meets(a, kPerTurn, minimum)) lo = -1;
         if (meets(a, kPerTurn, maximum)) hi = 1;
@@ -128,33 +134,33 @@ Interval sqrt(const Interval& a) {
 
 Interval exp(const Interval& a) {
     if (a.empty()) return Interval::nothing();
-    return {std::max(0.0, library_down(std::exp(a.lo))), library_up(std::exp(a.hi)), a.continuous};
+    return {std::max(0.0, function_down(exp(Real(a.lo)))), function_up(exp(Real(a.hi))), a.continuous};
 }
 
 Interval log(const Interval& a) {
     if (a.empty() || a.hi <= 0) return Interval::nothing();
     const bool inside = a.lo > 0;
-    const double lo = inside ? library_down(std::log(a.lo)) : -kInfinity;
-    return {lo, library_up(std::log(a.hi)), a.continuous && inside};
+    const double lo = inside ? function_down(log(Real(a.lo))) : -kInfinity;
+    return {lo, function_up(log(Real(a.hi))), a.continuous && inside};
 }
 
 Interval sin(const Interval& a) {
     if (a.empty()) return Interval::nothing();
     if (too_far(a)) return {-1, 1, a.continuous};
-    return wave(a, std::sin(a.lo), std::sin(a.hi), 0.25, -0.25);
+    return wave(a, sin(Real(a.lo)).value, sin(Real(a.hi)).value, 0.25, -0.25);
 }
 
 Interval cos(const Interval& a) {
     if (a.empty()) return Interval::nothing();
     if (too_far(a)) return {-1, 1, a.continuous};
-    return wave(a, std::cos(a.lo), std::cos(a.hi), 0, 0.5);
+    return wave(a, cos(Real(a.lo)).value, cos(Real(a.hi)).value, 0, 0.5);
 }
 
 Interval tan(const Interval& a) {
     if (a.empty()) return Interval::nothing();
     // No double is a pole, so a single one has a value.
     if (too_far(a) || (a.lo < a.hi && meets(a, kPerHalfTurn, 0.5))) return Interval::everything(false);
-    return {library_down(std::tan(a.lo)), library_up(std::tan(a.hi)), a.continuous};
+    return {function_down(tan(Real(a.lo))), function_up(tan(Real(a.hi))), a.continuous};
 }
 
 }  // namespace pellucid

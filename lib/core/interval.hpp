@@ -84,7 +84,7 @@ struct Interval {
 [[nodiscard]] Interval exp(const Interval& a);
 [[nodiscard]] Interval log(const Interval& a);
 
-/// Beyond ±1e15 nothing is known but the range of the function (and that tan has poles).
+/// Beyond ±1.6e6 nothing is known but the range of the function (and that tan has poles).
 [[nodiscard]] Interval sin(const Interval& a);
 [[nodiscard]] Interval cos(const Interval& a);
 [[nodiscard]] Interval tan(const Interval& a);

@@ -52,6 +52,11 @@ template <class T, std::size_t outputs>
 
 [[nodiscard]] bool positive(double value) { return value >= 0; }
 
+/// A derivative: where its own formula has no value (0/0 where a root's argument vanishes) nothing is known of it.
+[[nodiscard]] Interval known(const Interval& derivative) {
+    return derivative.empty() ? Interval::everything(false) : derivative;
+}
+
 [[nodiscard]] bool bounded(const Interval& a) { return a.lo > -kInfinity && a.hi < kInfinity; }
 
 /// The signs at the ends are those that the neighbours see: a root within rounding of a face is on their side or on ours.
@@ -135,7 +140,7 @@ struct FieldCells::Builder {
         if (excluded(fg[0])) return false;
         FieldCell& cell = found.cell;
         cell.continuous = cell.continuous && fg[0].continuous;
-        cell.gradient = {fg[1], fg[2], fg[3]};
+        cell.gradient = {known(fg[1]), known(fg[2]), known(fg[3])};
         const std::array<Rounded, 3> places{Rounded(at[0], place_error), Rounded(at[1], place_error),
                                             Rounded(at[2], place_error)};
         found.noise = std::min(found.noise, evaluate_at<Rounded, 1>(cells.field_.value(), places)[0].error);
@@ -200,7 +205,7 @@ struct FieldCells::Builder {
         constexpr std::size_t kPlace[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
         for (std::size_t i = 0; i < 3; ++i) {
             Interval g = middle[1 + i];
-            for (std::size_t j = 0; j < 3; ++j) g = g + fgh[kPlace[i][j]] * off[j];
+            for (std::size_t j = 0; j < 3; ++j) g = g + known(fgh[kPlace[i][j]]) * off[j];
             if (bounded(g)) cell.gradient[i] = intersect(cell.gradient[i], g);
         }
     }
@@ -236,6 +241,7 @@ struct FieldCells::Builder {
         for (std::size_t axis = 0; axis < 3; ++axis) {
             if (!cell.monotone(axis)) continue;
             const Interval& g = cell.gradient[axis];
+            if (!bounded(g)) continue;
             const double least = g.lo > 0 ? g.lo : -g.hi;
             const double middle = 0.5 * std::abs(g.lo + g.hi);
             if (std::sqrt(reach2) * middle <= kFlat * std::sqrt(middle2) * least) return true;
@@ -305,6 +311,9 @@ struct FieldCells::Builder {
 
 FieldCells::FieldCells(Expression f, const Box& bounds, const Limits& limits)
     : field_(std::move(f)), isolator_(field_), bounds_(bounds) {
+    // A constant has no surface, not even where it is 0.
+    const Program& value = field_.value();
+    if (value.steps[value.outputs[0]].op == Op::constant) return;
     // Second derivatives say nothing about kinks, and those of long formulas are too many.
     const bool curvature = !field_.has_kinks() && field_.gradient().steps.size() < kMostGradientSteps;
     double reach = length(bounds_.size());
@@ -343,6 +352,7 @@ Vec3 FieldCells::gradient_near(const Vec3& x, const Vec3& aside) const {
     const Vec3 here = gradient(x);
     const Vec3 beside = gradient(x + aside);
     const double size = length(beside);
+    if (!std::isfinite(size)) return here;
     return length(here) >= kVanishes * size || !(size > 0) ? here : beside;
 }
 

@@ -9,6 +9,9 @@
 namespace pellucid {
 namespace {
 
+/// Below it the slope of a root is taken as that of a line; it is a number in float, too.
+constexpr double kLeastRoot = 1e-30;
+
 using Node = FormulaGraph::Node;
 
 constexpr Node kUnknown = std::numeric_limits<Node>::max();
@@ -398,7 +401,9 @@ Node FormulaGraph::derivative_of_step(Node f, const std::vector<Node>& d) {
         case Op::negate: return negate(da);
         case Op::square: return scale(2, chain(s.a, da));
         case Op::abs: return chain(shift(-1, scale(2, function(Op::step, s.a)), false), da);
-        case Op::sqrt: return scale(0.5, divide(da, f));
+        case Op::sqrt:
+            // u'/2√u, and 0 instead of 0/0 where u and u' vanish together: distances to boxes do so in whole volumes.
+            return scale(0.5, divide(da, max(f, constant(kLeastRoot))));
         case Op::exp: {
             // (u^c)' = c·u^(c−1)·u', not c·u^c/u·u': 0 and no 0/0 at u = 0 where c > 1.
             const Scaled w = scaled(s.a);

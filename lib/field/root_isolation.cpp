@@ -303,7 +303,7 @@ private:
         const Interval interval_b = f_.at(c.b);
         Sign at_a = f_.sign(c.a, interval_a);
         Sign at_b = f_.sign(c.b, interval_b);
-        bool doubt = c.cut_short || c.b - c.a > kMostNoise * hi_ - kMostNoise * lo_;
+        bool doubt = true;
 
         // Where f is defined at one end alone: from there to the edge.
         if (at_a == Sign::undefined && at_b == Sign::undefined) {

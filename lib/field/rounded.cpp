@@ -68,7 +68,9 @@ Rounded sqrt(const Rounded& a) {
 
 Rounded exp(const Rounded& a) {
     const Interval range = exp(a.range);
-    return rounded(range, range.reach() * std::expm1(a.error), kFunctionError);
+    // e^ε − 1 <= ε(1 + ε) for ε <= 1
+    const double growth = a.error <= 1 ? a.error * (1 + a.error) : kInfinity;
+    return rounded(range, growth == 0 ? 0 : range.reach() * growth, kFunctionError);
 }
 
 Rounded log(const Rounded& a) {

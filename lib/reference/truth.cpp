@@ -24,10 +24,9 @@ constexpr int kSets = 4;
 constexpr int kPilotStrata = 4;
 /// Strata a side of a set where 16 sub-rays are all that is asked for.
 constexpr int kFewStrata = 2;
-/// Errors up to so many times what was asked are the scatter of estimates: with three degrees of freedom (particle
-/// filter), and with at least 48.
+/// Errors up to so many times what was asked are the scatter of estimates with few degrees of freedom: three under the
+/// particle filter; under the box filter three for each stratum that varies, of which an edge has few.
 constexpr double kLuckyPilot = 2;
-constexpr double kLuckyPilotOfBox = 1.3;
 /// Behind this transmittance nothing is seen: an order below a float's last digit.
 constexpr double kOpaque = 1e-9;
 /// Depths closer than this share of themselves and of the eye's coordinates are equal: rounding of the same place, told
@@ -432,13 +431,12 @@ private:
         met.add(tracer.signature);
         // The pilot was lucky where the error is this much larger: what it missed is then known, and the
         // choice among estimates that remains is of the rarest.
-        const double lucky = settings_.filter == PixelFilter::box ? kLuckyPilotOfBox : kLuckyPilot;
-        while (tracer.worst_error() > lucky * settings_.max_error && 2 * strata <= finest()) {
+        while (tracer.worst_error() > kLuckyPilot * settings_.max_error && 2 * strata <= finest()) {
             strata *= 2;
             tracer.trace(x, y, strata, false);
             met.add(tracer.signature);
         }
-        const bool unresolved = tracer.worst_error() > lucky * settings_.max_error ||
+        const bool unresolved = tracer.worst_error() > kLuckyPilot * settings_.max_error ||
                                 (strata < wanted && tracer.worst_error() > settings_.max_error);
         keep(tracer, i, strata, met, unresolved);
     }

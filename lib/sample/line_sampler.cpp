@@ -20,6 +20,9 @@ constexpr std::size_t kBlockPieces = 4096;
 constexpr int kMostBoxCuts = 3;
 constexpr double kLeastBoxShare = 1.0 / 64;
 constexpr double kWorthACut = 0.85;
+/// Lines along the one axis that suits a formula's cell are given up for lines along all, each some ten times as dear,
+/// where they are so many times as many: walls such as those of x^1000 − y.
+constexpr double kTooSteep = 16;
 /// Of the diagonal: a surface may lie in a face of its bounds (a plane, thin as its box).
 constexpr double kBoxRoom = 1e-9;
 
@@ -467,6 +470,8 @@ double LineSampler::field_reach(const FieldCell& cell, const Box& box, std::size
     const std::size_t b = (a + 1) % 3;
     const std::size_t c = (a + 2) % 3;
     const Interval ratio[2] = {cell.gradient[b] / cell.gradient[a], cell.gradient[c] / cell.gradient[a]};
+    for (const Interval& r : ratio)
+        if (r.empty() || !(r.lo > -kInfinity && r.hi < kInfinity)) return kInfinity;
     constexpr double kRounding = 1 + 1e-12;
     if (view_.constant_law) {
         const auto rho = [&](std::size_t axis) {
@@ -518,12 +523,16 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
     std::array<double, 3> reach = view_.reach;
     std::array<double, 3> along{};
     std::array<std::size_t, 3> labels{};
-    if (best < 0) {
-        if (view_.perspective && view_.constant_law)
-            for (int k = 0; k < 3; ++k) {
-                const auto i = static_cast<std::size_t>(k);
-                reach[i] = std::max(std::abs(box.lo[k] - view_.eye[i]), std::abs(box.hi[k] - view_.eye[i]));
-            }
+    if (view_.perspective && view_.constant_law)
+        for (int k = 0; k < 3; ++k) {
+            const auto i = static_cast<std::size_t>(k);
+            reach[i] = std::max(std::abs(box.lo[k] - view_.eye[i]), std::abs(box.hi[k] - view_.eye[i]));
+        }
+    double once = 0;  // with one crossing a line
+    for (int axis = 0; axis < 3; ++axis)
+        once += edge_weight(to_world_, box, axis, reach[static_cast<std::size_t>(axis)], nearest, area->least);
+    if (!(whole < kTooSteep * once)) {
+        best = -1;
         whole = 0;
         for (int axis = 0; axis < 3; ++axis) {
             const auto a = static_cast<std::size_t>(axis);

@@ -72,6 +72,9 @@ std::unique_ptr<SurfaceGeometry> make_field(const Surface& surface, const Expres
     const Vec3 size = bounds.size();
     if (!(size.x > 0 && size.y > 0 && size.z > 0))
         throw input_error("bounds have no volume: {} × {} × {}", size.x, size.y, size.z);
+    constexpr double kLargest = 1e150;  // squares of places are numbers
+    if (!(std::max({size.x, size.y, size.z}) <= kLargest))
+        throw input_error("bounds are {} × {} × {} large, expected at most 1e150", size.x, size.y, size.z);
     if (field.touches())
         warn("surface \"{}\": the formula touches zero without a change of sign; what is drawn is where it is zero",
              surface.name);
