@@ -1,4 +1,5 @@
-// Lines along one axis of a formula's cells: scalar, SIMD and every instruction set agree; particles lie on the surface.
+// Lines along one axis of a formula's cells: scalar, SIMD and every instruction set agree; particles lie on
+// the surface.
 #include "sample/field_lines.hpp"
 
 #include "field/field_cells.hpp"
@@ -25,17 +26,22 @@ std::vector<View> views(const Box& bounds) {
         return fmt::format("[{}, {}, {}]", x.x, x.y, x.z);
     };
     const std::string image = "image.resolution = [60, 50]\n[camera]\n";
-    return {{"orthographic", fmt::format("{}projection = \"orthographic\"\nposition = {}\ntarget = {}\nview_height = {}\n", image,
-                                         at({0.8, 1.2, 2}), at({0, 0, 0}), size)},
-            {"perspective", fmt::format("{}position = {}\ntarget = {}\nfov_degrees = 50\n", image, at({0.4, 0.6, 0.9}), at({0, 0, 0}))},
-            {"from inside", fmt::format("{}position = {}\ntarget = {}\nfov_degrees = 80\n", image, at({0.05, 0.02, 0.1}), at({0.5, 0.3, 0.1}))}};
+    return {{"orthographic",
+             fmt::format("{}projection = \"orthographic\"\nposition = {}\ntarget = {}\nview_height = {}\n",
+                         image, at({0.8, 1.2, 2}), at({0, 0, 0}), size)},
+            {"perspective", fmt::format("{}position = {}\ntarget = {}\nfov_degrees = 50\n", image,
+                                        at({0.4, 0.6, 0.9}), at({0, 0, 0}))},
+            {"from inside", fmt::format("{}position = {}\ntarget = {}\nfov_degrees = 80\n", image,
+                                        at({0.05, 0.02, 0.1}), at({0.5, 0.3, 0.1}))}};
 }
 
 std::string surface(const FieldCase& c, const char* law) {
     const Box& b = c.bounds;
-    return fmt::format("[[surface]]\nexpression = \"{}\"\nbounds = [[{:.17g}, {:.17g}, {:.17g}], [{:.17g}, {:.17g}, {:.17g}]]\n"
-                       "opacity_law = \"{}\"\n",
-                       c.text, b.lo.x, b.lo.y, b.lo.z, b.hi.x, b.hi.y, b.hi.z, law);
+    return fmt::format(
+        "[[surface]]\nexpression = \"{}\"\nbounds = [[{:.17g}, {:.17g}, {:.17g}], [{:.17g}, {:.17g}, "
+        "{:.17g}]]\n"
+        "opacity_law = \"{}\"\n",
+        c.text, b.lo.x, b.lo.y, b.lo.z, b.hi.x, b.hi.y, b.hi.z, law);
 }
 
 TEST(FieldLines, BatchesEqualSingleTrialsOnEveryInstructionSet) {
@@ -71,7 +77,8 @@ TEST(FieldLines, BatchesEqualSingleTrialsOnEveryInstructionSet) {
     EXPECT_GT(simd_targets().size(), 1U);
 }
 
-/// Boxes that no cell would be: f bends so much, or so little, that Newton's steps do not serve; roots in the ends.
+/// Boxes that no cell would be: f bends so much, or so little, that Newton's steps do not serve; roots in the
+/// ends.
 struct Hard {
     std::string text;
     Box box;
@@ -112,7 +119,8 @@ TEST(FieldLines, HardBoxesGiveTheSamePointsOnEveryInstructionSet) {
     for (const Hard& h : hard())
         for (const View& view : views(cube(1)))
             for (const bool constant : {false, true}) {
-                const PreparedScene scene = prepare(scene_from(view.toml + "[[surface]]\nimplicit = \"sphere\"\n"));
+                const PreparedScene scene =
+                    prepare(scene_from(view.toml + "[[surface]]\nimplicit = \"sphere\"\n"));
                 const LineView lines(scene.camera, Affine(), constant);
                 const FieldPrograms programs{Expression(h.text)};
                 std::vector<FieldPiece> pieces(1);
@@ -136,10 +144,12 @@ TEST(FieldLines, HardBoxesGiveTheSamePointsOnEveryInstructionSet) {
                 std::vector<std::uint64_t> numbers;
                 for (std::uint32_t i = 0; i < kCount; ++i) {
                     LinePoint point;
-                    if (!cross_field(lines, block, 0, words.u[i], words.v[i], words.chance[i], point)) continue;
+                    if (!cross_field(lines, block, 0, words.u[i], words.v[i], words.chance[i], point))
+                        continue;
                     single.push_back(point);
                     numbers.push_back(i);
-                    // In the box, but for a small step: how near to the root depends on how f bends, which in cells is little.
+                    // In the box, but for a small step: how near to the root depends on how f bends, which in
+                    // cells is little.
                     const double hair = kSmallStep * (h.box.hi[h.axis] - h.box.lo[h.axis]);
                     const double root = point.place[static_cast<std::size_t>(h.axis)];
                     ASSERT_GE(root, h.box.lo[h.axis] - hair) << h.text;
@@ -153,7 +163,8 @@ TEST(FieldLines, HardBoxesGiveTheSamePointsOnEveryInstructionSet) {
                     for (std::size_t i = 0; i < single.size(); ++i) {
                         ASSERT_EQ(chunk.line[i], numbers[i]) << h.text;
                         for (std::size_t k = 0; k < 3; ++k) {
-                            ASSERT_EQ(chunk.place[k][i], single[i].place[k]) << h.text << ' ' << hwy::TargetName(target);
+                            ASSERT_EQ(chunk.place[k][i], single[i].place[k])
+                                << h.text << ' ' << hwy::TargetName(target);
                             ASSERT_EQ(chunk.view[k][i], single[i].view[k]) << h.text;
                             ASSERT_EQ(chunk.normal[k][i], single[i].normal[k]) << h.text;
                         }
@@ -177,7 +188,8 @@ TEST(FieldLines, PointsAreOnTheSurfaceInViewWithItsNormal) {
                 const auto p = sampler.trial({3}, 0, i);
                 if (!p) continue;
                 const Vec2 pixel = camera.project(p->view);
-                ASSERT_TRUE(pixel.x > -1e-9 && pixel.x < camera.width() + 1e-9 && pixel.y > -1e-9 && pixel.y < camera.height() + 1e-9);
+                ASSERT_TRUE(pixel.x > -1e-9 && pixel.x < camera.width() + 1e-9 && pixel.y > -1e-9 &&
+                            pixel.y < camera.height() + 1e-9);
                 ASSERT_GE(p->view.z, camera.near() * (1 - 1e-12));
                 const Vec3 x = camera.to_world(p->view);
                 for (int axis = 0; axis < 3; ++axis) {
@@ -191,7 +203,8 @@ TEST(FieldLines, PointsAreOnTheSurfaceInViewWithItsNormal) {
                 const Vec3 normal = normalize(camera.world_vector(p->view_normal));
                 // Where f itself bends sharply on the way the last step went, its gradient does, too: kinks.
                 if (length(g) > 0 && !f.has_kinks()) {
-                    ASSERT_GT(std::abs(dot(normal, normalize(g))), 1 - 1e-5) << c.name << ' ' << x.x << ' ' << x.y << ' ' << x.z;
+                    ASSERT_GT(std::abs(dot(normal, normalize(g))), 1 - 1e-5)
+                        << c.name << ' ' << x.x << ' ' << x.y << ' ' << x.z;
                 }
             }
         }

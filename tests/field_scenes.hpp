@@ -15,17 +15,22 @@ struct FieldCase {
     bool continuous = true;
 };
 
-inline void PrintTo(const FieldCase& c, std::ostream* out) { *out << c.name; }
+inline void PrintTo(const FieldCase& c, std::ostream* out) {
+    *out << c.name;
+}
 
 inline constexpr const char* kBarthSextic =
     "4*(2.618033988749895*x^2-y^2)*(2.618033988749895*y^2-z^2)*(2.618033988749895*z^2-x^2)"
     "-4.23606797749979*(x^2+y^2+z^2-1)^2";
 inline constexpr const char* kClebschCubic =
-    "81*(x^3+y^3+z^3)-189*(x^2*y+x^2*z+y^2*x+y^2*z+z^2*x+z^2*y)+54*x*y*z+126*(x*y+x*z+y*z)-9*(x^2+y^2+z^2)-9*(x+y+z)+1";
+    "81*(x^3+y^3+z^3)-189*(x^2*y+x^2*z+y^2*x+y^2*z+z^2*x+z^2*y)+54*x*y*z+126*(x*y+x*z+y*z)-9*(x^2+y^2+z^2)-9*"
+    "(x+y+z)+1";
 inline constexpr const char* kTorusQuartic = "(x^2+y^2+z^2+0.84)^2-4*(x^2+y^2)";
 inline constexpr const char* kGyroid = "sin(x)*cos(y)+sin(y)*cos(z)+sin(z)*cos(x)";
 
-inline Box cube(double half) { return {Vec3(-half), Vec3(half)}; }
+inline Box cube(double half) {
+    return {Vec3(-half), Vec3(half)};
+}
 
 inline const std::vector<FieldCase>& field_cases() {
     static const std::vector<FieldCase> all{
@@ -54,7 +59,9 @@ inline const std::vector<FieldCase>& field_cases() {
         {"plane through corners", "x+y+z", cube(1)},
         {"cone", "sqrt(x^2+y^2)-z", cube(1)},
         {"exponents", "exp(3*x)+exp(-3*y)-4+z", cube(1)},
-        {"far from the origin", "(x-1000)^2+(y+2000)^2+(z-500)^2-1", {{998.9, -2001.1, 498.9}, {1001.1, -1998.9, 501.1}}},
+        {"far from the origin",
+         "(x-1000)^2+(y+2000)^2+(z-500)^2-1",
+         {{998.9, -2001.1, 498.9}, {1001.1, -1998.9, 501.1}}},
     };
     return all;
 }

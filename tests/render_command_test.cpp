@@ -179,6 +179,52 @@ TEST_F(RenderCommand, BadScenesAreRefused) {
     refused_scene(good_ + "[[surface]]\nname = \"odd\"\npoints = \"p.ply\"\n", "odd");
 }
 
+TEST_F(RenderCommand, BadExpressionsAreRefused) {
+    const auto formula = [&](const std::string& text, const std::string& bounds = "[[-1, -1, -1], [1, 1, 1]]") {
+        return head_ + "[[surface]]\nname = \"f\"\nexpression = \"" + text + "\"\nbounds = " + bounds + "\n";
+    };
+    refused_scene(formula(std::string(50000, '(') + "x" + std::string(50000, ')')), "1000 parentheses");
+    std::string terms = "x";
+    for (int i = 0; i < 100000; ++i) terms += fmt::format("+sin({}*x)", i);
+    refused_scene(formula(terms), "\"f\"");
+    refused_scene(formula("x+foo"), "foo");
+    refused_scene(formula(""), "empty");
+    refused_scene(formula("  "), "empty");
+    refused_scene(formula("x/0"), "by 0");
+    refused_scene(formula("x^"), "column");
+    refused_scene(formula("x", "[[0, 0, 0], [0, 1, 1]]"), "bounds");
+    refused_scene(formula("x", "[[nan, 0, 0], [1, 1, 1]]"), "bounds");
+    refused_scene(formula("x", "[[0, 0, 0]]"), "bounds");
+    for (const char* large : {"1e300", "1.7e308"})
+        refused_scene(formula("x", fmt::format("[[-{0}, -{0}, -{0}], [{0}, {0}, {0}]]", large)), "bounds");
+    refused_scene(formula("x", "[[-1e-300, -1e-300, -1e-300], [1e-300, 1e-300, 1e-300]]"), "expected 1e-100");
+}
+
+TEST_F(RenderCommand, ExpressionsWithoutASurfaceAreAWarningAndAnEmptyImage) {
+    for (const char* text : {"0", "1", "x-x", "log(-1-x^2)", "sqrt(-1-y^2)+x", "x^2+y^2+z^2+1", "exp(x)"}) {
+        scene(head_ + "[[surface]]\nname = \"f\"\nexpression = \"" + text + "\"\nbounds = [[-1, -1, -1], [1, 1, 1]]\n");
+        for (const char* method : {"particles", "reference"}) {
+            const Result r = run(fmt::format("s.toml --method {} -o o.exr", method));
+            EXPECT_EQ(r.code, 0) << text << r.err;
+            EXPECT_NE(r.err.find("warning: surface \"f\": nothing of it"), std::string::npos) << text << r.err;
+            const Image image = read_exr(folder / "o.exr");
+            for (const float a : image.plane("A")) ASSERT_EQ(a, 0) << text;
+        }
+    }
+}
+
+TEST_F(RenderCommand, WildExpressionsEnd) {
+    std::string terms = "x";
+    for (int i = 0; i < 100000; ++i) terms += fmt::format("+{}*x", i);
+    for (const std::string& text : {terms, std::string("tan(1000*x)+1/y"), std::string("exp(exp(exp(10*x)))-1"), std::string("x^1000000000-y"),
+                                    std::string("max(x,x)")}) {
+        scene("image.resolution = [3, 2]\ncamera.position = [0.3, 0.2, 4]\n[[surface]]\nname = \"f\"\nexpression = \"" + text +
+              "\"\nbounds = [[-1, -1, -1], [1, 1, 1]]\nopacity = 0.3\n");
+        EXPECT_EQ(run("s.toml --method particles -o o.exr --set particles.repeats=1").code, 0) << text.substr(0, 40);
+        EXPECT_EQ(run("s.toml --method reference -o o.exr --set reference.max_error=0.1").code, 0) << text.substr(0, 40);
+    }
+}
+
 TEST_F(RenderCommand, DamagedFilesAreRefused) {
     const std::string iso =
         head_ + "[[surface]]\nname = \"b\"\nisosurface = { volume = \"v.nrrd\", isovalue = 0.5 }\n";

@@ -4,8 +4,8 @@
 #include <cmath>
 #include <random>
 
-#include <boost/multiprecision/cpp_bin_float.hpp>
 #include <gtest/gtest.h>
+#include <boost/multiprecision/cpp_bin_float.hpp>
 
 #include "core/real.hpp"
 #include "field/expression.hpp"
@@ -13,8 +13,8 @@
 namespace pellucid {
 namespace {
 
-using Digits = boost::multiprecision::number<boost::multiprecision::cpp_bin_float<100>,
-                                             boost::multiprecision::et_off>;
+using Digits =
+    boost::multiprecision::number<boost::multiprecision::cpp_bin_float<100>, boost::multiprecision::et_off>;
 
 struct Exact {
     Digits v;
@@ -23,23 +23,57 @@ struct Exact {
     explicit Exact(double value) : v(value) {}
     explicit Exact(const Digits& value) : v(value) {}
 };
-Exact operator-(const Exact& a) { return Exact(Digits(-a.v)); }
-Exact operator+(const Exact& a, const Exact& b) { return Exact(Digits(a.v + b.v)); }
-Exact operator-(const Exact& a, const Exact& b) { return Exact(Digits(a.v - b.v)); }
-Exact operator*(const Exact& a, const Exact& b) { return Exact(Digits(a.v * b.v)); }
-Exact operator/(const Exact& a, const Exact& b) { return Exact(Digits(a.v / b.v)); }
-Exact square(const Exact& a) { return a * a; }
-Exact abs(const Exact& a) { return Exact(Digits(boost::multiprecision::abs(a.v))); }
-Exact sqrt(const Exact& a) { return Exact(a.v < 0 ? Digits(NAN) : Digits(boost::multiprecision::sqrt(a.v))); }
-Exact exp(const Exact& a) { return Exact(Digits(boost::multiprecision::exp(a.v))); }
-Exact log(const Exact& a) { return Exact(a.v > 0 ? Digits(boost::multiprecision::log(a.v)) : Digits(NAN)); }
-Exact sin(const Exact& a) { return Exact(Digits(boost::multiprecision::sin(a.v))); }
-Exact cos(const Exact& a) { return Exact(Digits(boost::multiprecision::cos(a.v))); }
-Exact tan(const Exact& a) { return Exact(Digits(boost::multiprecision::tan(a.v))); }
-Exact min(const Exact& a, const Exact& b) { return a.v > b.v ? b : a; }
-Exact max(const Exact& a, const Exact& b) { return a.v < b.v ? b : a; }
-Exact step(const Exact& a) { return Exact(a.v >= 0 ? 1.0 : 0.0); }
-Exact power(const Exact& a, int exponent) { return Exact(Digits(boost::multiprecision::pow(a.v, exponent))); }
+Exact operator-(const Exact& a) {
+    return Exact(Digits(-a.v));
+}
+Exact operator+(const Exact& a, const Exact& b) {
+    return Exact(Digits(a.v + b.v));
+}
+Exact operator-(const Exact& a, const Exact& b) {
+    return Exact(Digits(a.v - b.v));
+}
+Exact operator*(const Exact& a, const Exact& b) {
+    return Exact(Digits(a.v * b.v));
+}
+Exact operator/(const Exact& a, const Exact& b) {
+    return Exact(Digits(a.v / b.v));
+}
+Exact square(const Exact& a) {
+    return a * a;
+}
+Exact abs(const Exact& a) {
+    return Exact(Digits(boost::multiprecision::abs(a.v)));
+}
+Exact sqrt(const Exact& a) {
+    return Exact(a.v < 0 ? Digits(NAN) : Digits(boost::multiprecision::sqrt(a.v)));
+}
+Exact exp(const Exact& a) {
+    return Exact(Digits(boost::multiprecision::exp(a.v)));
+}
+Exact log(const Exact& a) {
+    return Exact(a.v > 0 ? Digits(boost::multiprecision::log(a.v)) : Digits(NAN));
+}
+Exact sin(const Exact& a) {
+    return Exact(Digits(boost::multiprecision::sin(a.v)));
+}
+Exact cos(const Exact& a) {
+    return Exact(Digits(boost::multiprecision::cos(a.v)));
+}
+Exact tan(const Exact& a) {
+    return Exact(Digits(boost::multiprecision::tan(a.v)));
+}
+Exact min(const Exact& a, const Exact& b) {
+    return a.v > b.v ? b : a;
+}
+Exact max(const Exact& a, const Exact& b) {
+    return a.v < b.v ? b : a;
+}
+Exact step(const Exact& a) {
+    return Exact(a.v >= 0 ? 1.0 : 0.0);
+}
+Exact power(const Exact& a, int exponent) {
+    return Exact(Digits(boost::multiprecision::pow(a.v, exponent)));
+}
 
 template <class T>
 T value_at(const Expression& f, const std::array<T, 3>& at) {
@@ -138,8 +172,8 @@ TEST(Rounded, ErrorAndRangeHoldEverywhere) {
 TEST(Rounded, SaysLittleWhereLittleIsLost) {
     // Sums and products of positive numbers in small boxes: a few units each.
     std::mt19937_64 random(2);
-    for (const char* text : {"x + y*z + 1", "(x + 1)^9*y", "sqrt(x + y) + exp(z)", "x/(y + z) + 1/x", "log(x + 2) + 1",
-                             "x^2 + y^2 + z^2 + 3*x*y", "max(x, y) + min(y, z)*abs(x)"}) {
+    for (const char* text : {"x + y*z + 1", "(x + 1)^9*y", "sqrt(x + y) + exp(z)", "x/(y + z) + 1/x",
+                             "log(x + 2) + 1", "x^2 + y^2 + z^2 + 3*x*y", "max(x, y) + min(y, z)*abs(x)"}) {
         const Expression f(text);
         for (int i = 0; i < 200; ++i) {
             Place box = random_box(random, false);
@@ -171,15 +205,16 @@ TEST(Rounded, HalfOfItIsTooLittleForAProduct) {
 
 TEST(Rounded, NothingIsSaidWhereADivisorReachesZeroOrARootLeavesItsDomain) {
     const Place across{{-0.5, -0.5, -0.5}, {0.5, 0.5, 0.5}};
-    for (const char* text : {"1/x", "y/(x - z)", "x^-2", "log(x)", "sqrt(x)", "log(x^2)", "tan(4*x)", "exp(1/y)", "min(1/x, y)"})
+    for (const char* text :
+         {"1/x", "y/(x - z)", "x^-2", "log(x)", "sqrt(x)", "log(x^2)", "tan(4*x)", "exp(1/y)", "min(1/x, y)"})
         EXPECT_EQ(over(Expression(text), across).error, INFINITY) << text;
     // A divisor that is 0 within its error alone.
     EXPECT_EQ(over(Expression("1/(x + y - z)"), {{0.1, 1e16, 1e16}, {0.4, 1e16, 1e16}}).error, INFINITY);
 }
 
 TEST(Rounded, OverflowAndUnderflowAreErrorsLikeAnyOther) {
-    for (const char* text : {"x^400", "x^-400", "exp(900*x) - exp(900*y)", "exp(-740*x)", "exp(-700*x)*exp(-700*y)", "x*1e-320*y",
-                             "(x*1e-160)^2/1e-320"}) {
+    for (const char* text : {"x^400", "x^-400", "exp(900*x) - exp(900*y)", "exp(-740*x)",
+                             "exp(-700*x)*exp(-700*y)", "x*1e-320*y", "(x*1e-160)^2/1e-320"}) {
         const Expression f(text);
         std::mt19937_64 random(4);
         for (int i = 0; i < 50; ++i) {

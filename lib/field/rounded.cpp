@@ -9,15 +9,17 @@
 namespace pellucid {
 namespace {
 
-/// Half a unit in the last place, relative; a hair more pays for the rounding of the errors themselves.
+/// Half a unit in the last place, relative.
 constexpr double kHalfUnit = 0x1p-53 * (1 + 1e-6);
+/// Pays for the rounding of the errors themselves, which may be much larger than the values.
+constexpr double kHair = 1 + 0x1p-49;
 /// What the functions of core/real.hpp may be off.
 constexpr double kFunctionError = 2 * kElementaryUlp * kHalfUnit;
 
 /// A result with what its operands' errors made of it, `carried`, and one more rounding of `relative`.
 [[nodiscard]] Rounded rounded(const Interval& range, double carried, double relative = kHalfUnit) {
     if (range.empty()) return {range, 0};
-    const double error = carried + relative * (range.reach() + carried) + 0x1p-1074;
+    const double error = kHair * carried + relative * (range.reach() + carried) + 0x1p-1074;
     return {range, error >= 0 && !range.continuous ? kInfinity : error >= 0 ? error : kInfinity};
 }
 
