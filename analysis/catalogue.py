@@ -15,7 +15,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 RENDER = str(REPOSITORY / "build/release/bin/render")
-TILE = 160
+TILE = 150
 LABEL = 22
 COLUMNS = 7
 MOST_BYTES = 600_000
@@ -28,11 +28,11 @@ VIEWS = {
     "ellipsoid": (1.25,), "paraboloid": (1.3, 28, 22, (0, 0, 0.5)), "saddle": (1.6,), "hyperboloid": (1.5,),
     "hyperboloid_two_sheets": (2.5,),
     "barth_sextic": (2.7, 20, 12), "clebsch": (1.5, 100, 10), "cayley": (2.3,), "kummer": (3.4,),
-    "steiner": (1.15, 35, 25), "cross_cap": (1.2, 60, 20), "boy": (1.6, 0, 15, (0.2, 0, 1)), "klein_bottle": (4.4,),
+    "steiner": (1.15, 35, 25), "cross_cap": (1.2, 60, 20), "boy": (1.6, 0, -25, (0.1, 0, 0.9)), "klein_bottle": (4.4,),
     "cassini": (1.5, 10, 25), "cassini_oval": (1.55,), "dupin_cyclide": (1.9, 28, 40, (-0.3, 0, 0)), "tangle": (3.2,),
     "goursat": (2.6,), "heart": (1.45, 15, 10), "chmutov": (1.6,), "chair": (1.45,), "bicorn": (1.2, 28, 12, (0, 0, 0.5)),
-    "hunt": (3.9,), "miter": (1.25, 70, 20), "whitney_umbrella": (1.3, 40, 25, (0, 0, 0.5)), "gyroid": (1.65,),
-    "schwarz_p": (1.65,), "schwarz_d": (1.65,),
+    "hunt": (3.9,), "miter": (1.25, 70, 20), "whitney_umbrella": (1.3, 40, 25, (0, 0, 0.5)), "gyroid": (0.85,),
+    "schwarz_p": (0.85,), "schwarz_d": (0.85,),
 }
 
 SCENE = """
@@ -93,7 +93,7 @@ def main() -> int:
     rows = -(-len(chosen) // COLUMNS)
     sheet = Image.new("RGB", (COLUMNS * TILE, rows * (TILE + LABEL)), "white")
     draw = ImageDraw.Draw(sheet)
-    font = ImageFont.truetype(FONT, 13)
+    font = ImageFont.truetype(FONT, 12)
     with tempfile.TemporaryDirectory() as folder:
         for i, name in enumerate(chosen):
             x, y = i % COLUMNS * TILE, i // COLUMNS * (TILE + LABEL)

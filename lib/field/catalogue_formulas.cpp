@@ -94,21 +94,21 @@ std::vector<CatalogueEntry> entries() {
         // Its handle, the axis below 0, is a line and not drawn.
         formula("whitney_umbrella", "x^2 - y^2*z", {}, "|x|, |y| <= 1, 0 <= z <= 1",
                 {"-1", "-1", "0", "1", "1", "1"}),
-        // The three minimal surfaces' level sets, two periods of each along each axis.
+        // The three minimal surfaces' level sets, one period of each.
         formula("gyroid",
                 "sin(2*pi/period*x)*cos(2*pi/period*y) + sin(2*pi/period*y)*cos(2*pi/period*z)"
                 " + sin(2*pi/period*z)*cos(2*pi/period*x)",
-                {{"period", 1}}, "[-period, period]^3",
-                {"-period", "-period", "-period", "period", "period", "period"}),
+                {{"period", 1}}, "[-period/2, period/2]^3",
+                {"-period/2", "-period/2", "-period/2", "period/2", "period/2", "period/2"}),
         formula("schwarz_p", "cos(2*pi/period*x) + cos(2*pi/period*y) + cos(2*pi/period*z)", {{"period", 1}},
-                "[-period, period]^3", {"-period", "-period", "-period", "period", "period", "period"}),
+                "[-period/2, period/2]^3", {"-period/2", "-period/2", "-period/2", "period/2", "period/2", "period/2"}),
         formula("schwarz_d",
                 "sin(2*pi/period*x)*sin(2*pi/period*y)*sin(2*pi/period*z)"
                 " + sin(2*pi/period*x)*cos(2*pi/period*y)*cos(2*pi/period*z)"
                 " + cos(2*pi/period*x)*sin(2*pi/period*y)*cos(2*pi/period*z)"
                 " + cos(2*pi/period*x)*cos(2*pi/period*y)*sin(2*pi/period*z)",
-                {{"period", 1}}, "[-period, period]^3",
-                {"-period", "-period", "-period", "period", "period", "period"}),
+                {{"period", 1}}, "[-period/2, period/2]^3",
+                {"-period/2", "-period/2", "-period/2", "period/2", "period/2", "period/2"}),
     };
 }
 
