@@ -178,13 +178,17 @@ void sample(benchmark::State& state) {
 
 [[nodiscard]] PreparedScene nested_spheres_in_full() { return nested_spheres(kImageSize, 0.005); }
 
-void torus_lines_probe(benchmark::State& state) {
+[[nodiscard]] PreparedScene barth_sextic_in_full() { return barth_sextic(kImageSize); }
+
+template <class Probe>
+void lines_probe(benchmark::State& state) {
     constexpr std::uint64_t kLines = std::uint64_t{1} << 23U;
-    TorusLinesProbe probe(kLines);
+    Probe probe(kLines);
     std::uint64_t particles = 0;
     for (auto _ : state) particles += probe.run();
     state.counters["particles"] = rate(particles);
     state.counters["trials"] = rate(done(state) * kLines);
+    state.counters["rays"] = rate(done(state) * kLines);
 }
 
 // ---- Truth ------------------------------------------------------------------------------------
@@ -246,6 +250,21 @@ void trace_whole_truth(benchmark::State& state) {
     state.counters["rays"] = rate(stats.rays);
 }
 
+/// A formula of degree 6 at 512², 16 rays a pixel, everything: reading the formula, cells, rays, shading.
+void trace_formula(benchmark::State& state) {
+    std::uint64_t rays = 0;
+    std::uint64_t hits = 0;
+    for (auto _ : state) {
+        const PreparedScene scene = barth_sextic(512);
+        TruthStats stats;
+        benchmark::DoNotOptimize(trace_truth(scene, {.seed = {}, .samples = 16}, stats));
+        rays += stats.rays;
+        hits += stats.hits;
+    }
+    state.counters["hits"] = rate(hits);
+    state.counters["rays"] = rate(rays);
+}
+
 void register_all() {
     using benchmark::RegisterBenchmark;
     // Each run is long enough to be timed once; the repetitions are what counts.
@@ -267,15 +286,18 @@ void register_all() {
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7", draw_on_vulkan<false>));
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7_with_copies", draw_on_vulkan<true>));
     }
-    thrice(RegisterBenchmark("sample/probe", torus_lines_probe));
+    thrice(RegisterBenchmark("sample/probe", lines_probe<TorusLinesProbe>));
     once(RegisterBenchmark("sample/torus", sample<torus, LineMode::exact>));
     once(RegisterBenchmark("sample/torus_fast_mode", sample<torus, LineMode::fast>));
+    thrice(RegisterBenchmark("sample/sextic_probe", lines_probe<SexticLinesProbe>));
+    once(RegisterBenchmark("sample/sextic", sample<barth_sextic_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface, LineMode::exact>));
     if (std::filesystem::exists(kHeadFile))
         once(RegisterBenchmark("sample/head", sample<real_head, LineMode::exact>));
     thrice(RegisterBenchmark("truth/probe", embree_probe));
     thrice(RegisterBenchmark("truth/gather", gather_all_hits));
+    once(RegisterBenchmark("truth/sextic_512", trace_formula));
     RegisterBenchmark("truth/whole_box", trace_whole_truth<PixelFilter::box>)
         ->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
     RegisterBenchmark("truth/whole_particle", trace_whole_truth<PixelFilter::particle>)

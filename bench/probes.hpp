@@ -81,4 +81,14 @@ private:
     std::uint64_t lines_;
 };
 
+/// The same through a Barth sextic in a sphere of radius 1.65. Steps miss close pairs of roots.
+class SexticLinesProbe {
+public:
+    explicit SexticLinesProbe(std::uint64_t lines) : lines_(lines) {}
+    std::uint64_t run();
+
+private:
+    std::uint64_t lines_;
+};
+
 }  // namespace pellucid::bench

@@ -134,6 +134,17 @@ PreparedScene torus() {
     return prepare(scene);
 }
 
+PreparedScene barth_sextic(int size) {
+    Scene scene = empty_scene(size, {3, 2.2, 5});
+    const std::string golden = "1.618033988749895";
+    const std::string golden2 = "2.618033988749895";
+    scene.surfaces.push_back(glossy("sextic", ExpressionShape{"4*(" + golden2 + "*x^2-y^2)*(" + golden2 + "*y^2-z^2)*(" +
+                                                              golden2 + "*z^2-x^2)-(1+2*" + golden +
+                                                              ")*(x^2+y^2+z^2-1)^2"}));
+    scene.surfaces[0].bounds = Box{Vec3(-1.65), Vec3(1.65)};
+    return prepare(scene);
+}
+
 PreparedScene nested_spheres(int size, double opacity) {
     const ScratchFolder scratch;
     TriangleMesh mesh;

@@ -14,6 +14,8 @@ inline constexpr int kImageSize = 1024;
 [[nodiscard]] PreparedScene crossing_cards();
 /// One torus that fills the image.
 [[nodiscard]] PreparedScene torus();
+/// Barth's sextic with its 65 nodes, as a formula, in an image of size².
+[[nodiscard]] PreparedScene barth_sextic(int size);
 /// Eight nested wavy spheres, 1.04 million triangles, seen along −z in an image of size².
 [[nodiscard]] PreparedScene nested_spheres(int size, double opacity);
 inline constexpr const char* kHeadFile = "/usr/share/mricron/templates/ch2.nii.gz";

@@ -43,11 +43,16 @@ RATIOS = (
     Ratio("Vulkan: the same with all copies", "particles", "vulkan/ensemble_5e7_with_copies", "vulkan/probe"),
     Ratio("sampling a torus, of bare lines", "particles", "sample/torus", "sample/probe", at_least=0.3),
     Ratio("sampling a torus in fast mode, of bare lines", "particles", "sample/torus_fast_mode", "sample/probe"),
+    Ratio("sampling a sextic formula, of bare lines through a torus", "particles", "sample/sextic", "sample/probe",
+          at_least=0.25),
+    Ratio("sampling a sextic formula, of bare lines through it", "particles", "sample/sextic", "sample/sextic_probe"),
     Ratio("sampling a mesh, of bare lines", "particles", "sample/mesh", "sample/probe"),
     Ratio("sampling an isosurface, of bare lines", "particles", "sample/isosurface", "sample/probe"),
     # 3 M particles/s where a probe gives 46 M/s.
     Ratio("sampling the head, of bare lines", "particles", "sample/head", "sample/probe", at_least=3 / 46),
     Ratio("truth's all hits, of bare Embree", "hits", "truth/gather", "truth/probe", at_least=0.5),
+    Ratio("truth of a sextic formula, 16 rays a pixel, of bare lines through it", "rays", "truth/sextic_512",
+          "sample/sextic_probe"),
     Ratio("whole truth (box), of bare Embree", "hits", "truth/whole_box", "truth/probe"),
     Ratio("whole truth (particle), of bare Embree", "hits", "truth/whole_particle", "truth/probe"),
 )

@@ -109,8 +109,22 @@ ordered_json stats_json(const RenderOptions& options, const RenderStats& stats, 
         json["unresolved_pixels"] = stats.unresolved_pixels;
         json["worst_standard_error"] = stats.worst_error;
     }
+    json["undecided"] = stats.isolation.undecided;
+    json["touching"] = stats.isolation.touching;
+    json["poles"] = stats.isolation.poles;
+    json["exact_lines"] = stats.isolation.exact;
     json["commit"] = build_info().commit;
     return json;
+}
+
+/// What formulas made of the lines that is not a plain root.
+void warn_of(const IsolationStats& isolation) {
+    if (isolation.touching > 0)
+        warn("{} crossings touch zero without a change of sign: they are drawn", isolation.touching);
+    if (isolation.undecided > 0)
+        warn("{} pieces of lines, 1e-9 of their length, stay undecided: roots may be missing or doubled there",
+             isolation.undecided);
+    if (isolation.poles > 0) warn("{} changes of sign are poles or gaps: nothing is drawn there", isolation.poles);
 }
 
 void print_plan(const std::vector<Stage>& stages) {
@@ -203,6 +217,7 @@ int run(RenderOptions options) {
     Image image = method.render(input, stats);
     backend.check_validation();
     total_s += watch.lap();
+    warn_of(stats.isolation);
     image.attributes["scene"] = options.scene;
     image.attributes["method"] = options.method;
     image.attributes["settings"] = settings.to_json();

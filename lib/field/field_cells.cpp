@@ -30,6 +30,8 @@ constexpr double kMostWork = 4e8;
 constexpr std::size_t kMostGradientSteps = 2000;
 /// A box is looked into again where its volume has become less than this share.
 constexpr double kShrunkMuch = 0.6;
+/// A place on a line, computed, is off by less than this share of the bounds and of its distance from the origin.
+constexpr double kPlaceRounding = 0x1p-50;
 /// Boxes around the surface are larger than they need be by this share of their cell.
 constexpr double kShrinkRoom = 1e-6;
 
@@ -52,11 +54,49 @@ template <class T, std::size_t outputs>
 
 [[nodiscard]] bool bounded(const Interval& a) { return a.lo > -kInfinity && a.hi < kInfinity; }
 
+/// The signs at the ends are those that the neighbours see: a root within rounding of a face is on their side or on ours.
+/// Each end is judged by itself, against a place well between the roots: both may be wrong.
+template <class F>
+void agree_with_ends(std::vector<Root>& found, double lo, double hi, double f_lo, double f_hi, const F& value) {
+    double widest = -1;
+    double middle = lo;
+    std::size_t split = 0;  // roots before the middle
+    for (std::size_t i = 0; i <= found.size(); ++i) {
+        const double from = i > 0 ? found[i - 1].t : lo;
+        const double to = i < found.size() ? found[i].t : hi;
+        if (to - from <= widest) continue;
+        widest = to - from;
+        middle = from + 0.5 * widest;
+        split = i;
+    }
+    const bool inside = positive(value(middle));
+    const double close = 1e-6 * (hi - lo);
+    const auto crosses = [](const Root& r) { return !r.touching; };
+    const auto odd = [&](auto begin, auto end) { return std::count_if(begin, end, crosses) % 2 != 0; };
+    const auto at = found.begin() + static_cast<std::ptrdiff_t>(split);
+    if (odd(at, found.end()) != (positive(f_hi) != inside)) {
+        const auto last = std::find_if(found.rbegin(), std::make_reverse_iterator(at), crosses);
+        if (last != std::make_reverse_iterator(at) && hi - last->t <= close)
+            found.erase(std::next(last).base());
+        else
+            found.push_back({hi, false});
+    }
+    const auto end = found.begin() + static_cast<std::ptrdiff_t>(split);
+    if (odd(found.begin(), end) != (positive(f_lo) != inside)) {
+        const auto first = std::find_if(found.begin(), end, crosses);
+        if (first != end && first->t - lo <= close)
+            found.erase(first);
+        else
+            found.insert(found.begin(), {lo, false});
+    }
+}
+
 }  // namespace
 
 /// The search, level by level.
 struct FieldCells::Builder {
-    /// A cell, and how far the value of `run_program<Real>` may be off in it.
+    /// A cell, and how far the value of `run_program<Real>` at a computed place on a line may be from that at the place
+    /// itself: a surface may lie an ulp beside a face that lines cross.
     struct Found {
         FieldCell cell;
         double noise;
@@ -66,6 +106,7 @@ struct FieldCells::Builder {
     const FieldCells& cells;
     bool curvature_is_worth_it;
     PointEvaluator values;
+    double place_error;
 
     /// Whether anything of the surface may be in the cell; then what is known of it there. `found.noise` comes from a
     /// larger cell.
@@ -95,10 +136,9 @@ struct FieldCells::Builder {
         FieldCell& cell = found.cell;
         cell.continuous = cell.continuous && fg[0].continuous;
         cell.gradient = {fg[1], fg[2], fg[3]};
-        found.noise = std::min(found.noise, evaluate_at<Rounded, 1>(cells.field_.value(), {Rounded(at[0], 0),
-                                                                                           Rounded(at[1], 0),
-                                                                                           Rounded(at[2], 0)})[0]
-                                                .error);
+        const std::array<Rounded, 3> places{Rounded(at[0], place_error), Rounded(at[1], place_error),
+                                            Rounded(at[2], place_error)};
+        found.noise = std::min(found.noise, evaluate_at<Rounded, 1>(cells.field_.value(), places)[0].error);
         if (excluded(fg[0])) return false;
         if (!fg[0].continuous || !std::ranges::all_of(cell.gradient, bounded)) return true;
         const Vec3 c = box.center();
@@ -267,7 +307,10 @@ FieldCells::FieldCells(Expression f, const Box& bounds, const Limits& limits)
     : field_(std::move(f)), isolator_(field_), bounds_(bounds) {
     // Second derivatives say nothing about kinks, and those of long formulas are too many.
     const bool curvature = !field_.has_kinks() && field_.gradient().steps.size() < kMostGradientSteps;
-    cells_ = Builder{*this, curvature, PointEvaluator(field_.value())}.build(limits);
+    double reach = length(bounds_.size());
+    for (int axis = 0; axis < 3; ++axis)
+        reach = std::max({reach, std::abs(bounds_.lo[axis]), std::abs(bounds_.hi[axis])});
+    cells_ = Builder{*this, curvature, PointEvaluator(field_.value()), kPlaceRounding * reach}.build(limits);
     cells_.shrink_to_fit();
 }
 
@@ -351,8 +394,14 @@ void FieldCells::cross(const FieldCell& cell, const Vec3& origin, const Vec3& di
     const auto value = [&](double t) {
         return evaluate_at<Real, 1>(field_.value(), reals(origin + t * direction))[0].value;
     };
-    const double f_lo = value(lo);
-    const double f_hi = value(hi);
+    // Rounding may put an end of a cell beside the domain of f, where no neighbour asks for its sign.
+    const double step_inside = 1e-9 * (hi - lo);
+    const auto value_at_end = [&](double t, double inside) {
+        const double f = value(t);
+        return std::isnan(f) && cell.continuous ? value(inside) : f;
+    };
+    const double f_lo = value_at_end(lo, lo + step_inside);
+    const double f_hi = value_at_end(hi, hi - step_inside);
 
     double least = 0;
     double most = 0;
@@ -374,25 +423,7 @@ void FieldCells::cross(const FieldCell& cell, const Vec3& origin, const Vec3& di
     thread_local std::vector<Root> found;
     found.clear();
     isolator_.isolate(origin, direction, lo, hi, found, stats);
-    if (cell.continuous) {
-        // The signs at the ends are those that the neighbours see: a root within rounding of a face is on their side or on ours.
-        const auto changes = static_cast<std::size_t>(
-            std::count_if(found.begin(), found.end(), [](const Root& r) { return !r.touching; }));
-        if ((changes % 2 != 0) != (positive(f_lo) != positive(f_hi))) {
-            const bool at_lo = std::abs(f_lo) <= std::abs(f_hi);
-            const auto nearest = std::min_element(found.begin(), found.end(), [&](const Root& a, const Root& b) {
-                const auto off = [&](const Root& r) {
-                    return r.touching ? kInfinity : at_lo ? r.t - lo : hi - r.t;
-                };
-                return off(a) < off(b);
-            });
-            const double close = 1e-6 * (hi - lo);
-            if (nearest != found.end() && !nearest->touching && (at_lo ? nearest->t - lo : hi - nearest->t) <= close)
-                found.erase(nearest);
-            else
-                found.insert(at_lo ? found.begin() : found.end(), Root{at_lo ? lo : hi, false});
-        }
-    }
+    if (cell.continuous) agree_with_ends(found, lo, hi, f_lo, f_hi, value);
     const Vec3 aside = 1e-4 * (hi - lo) * direction;
     for (const Root& root : found) roots.push_back({root.t, gradient_near(origin + root.t * direction, aside)});
 }

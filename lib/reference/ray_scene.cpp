@@ -61,6 +61,32 @@ void collect_triangles(const RTCFilterFunctionNArguments* args) {
     }
 }
 
+/// Whether two triangles share a corner or two, but not all three.
+[[nodiscard]] bool adjacent(const TriangleMesh& mesh, std::uint32_t a, std::uint32_t b) {
+    int shared = 0;
+    for (const std::uint32_t i : mesh.triangles[a])
+        for (const std::uint32_t k : mesh.triangles[b]) shared += i == k || mesh.positions[i] == mesh.positions[k] ? 1 : 0;
+    return shared > 0 && shared < 3;
+}
+
+/// Depths so close, in units of the scene's size, may be one place: Embree decides in float32, cells of formulas in
+/// double.
+constexpr double kOneEdge = 1e-5;
+constexpr double kOneFace = 1e-13;
+
+/// Whether `next` tells the crossing `last` again. Embree's edges overlap a little, and a ray through a corner of
+/// cells may see rounding as changes of sign: then two hits at one place have the same side of the surface in
+/// front, which two crossings of it cannot have.
+[[nodiscard]] bool same_crossing(const PreparedScene& scene, const RayHit& last, const RayHit& next, const Ray& ray,
+                                 double unit, double eye) {
+    if (last.object != next.object || last.patch == next.patch) return false;
+    if ((dot(last.normal, ray.direction) > 0) != (dot(next.normal, ray.direction) > 0)) return false;
+    const SurfaceGeometry& shape = *scene.objects[next.object].geometry;
+    if (shape.mesh() != nullptr)
+        return next.t - last.t <= kOneEdge * unit && adjacent(*shape.mesh(), last.patch, next.patch);
+    return shape.field() && next.t - last.t <= kOneFace * (unit + next.t + eye);
+}
+
 void patch_bounds(const RTCBoundsFunctionArguments* args) {
     const auto& ref = *static_cast<const ObjectRef*>(args->geometryUserPtr);
     std::array<Vec3, 8> corners;
@@ -240,6 +266,23 @@ void RayScene::gather(std::span<const Ray, kPacket> rays, PacketHits& hits) cons
                 return x.object != y.object ? x.object < y.object : x.patch < y.patch;
             });
     }
+    for (std::size_t i = 0; i < kPacket; ++i) drop_repeated(rays[i], hits.rays[i]);
+}
+
+void RayScene::drop_repeated(const Ray& ray, std::vector<RayHit>& list) const {
+    if (list.size() < 2) return;
+    const double unit = embree_->radius / length(ray.direction);
+    const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)}) /
+                       length(ray.direction);
+    std::size_t kept = 1;
+    for (std::size_t i = 1; i < list.size(); ++i) {
+        // Beside the last hit of the same object: others may lie at the same depth.
+        std::size_t last = kept;
+        while (last > 0 && list[last - 1].object != list[i].object && list[i].t - list[last - 1].t <= kOneEdge * unit)
+            --last;
+        if (last == 0 || !same_crossing(*scene_, list[last - 1], list[i], ray, unit, eye)) list[kept++] = list[i];
+    }
+    list.resize(kept);
 }
 
 }  // namespace pellucid

@@ -46,6 +46,9 @@ public:
     [[nodiscard]] std::int64_t bytes() const;
 
 private:
+    /// Sorted hits, without those that tell a crossing again.
+    void drop_repeated(const Ray& ray, std::vector<RayHit>& list) const;
+
     struct Embree;
     const PreparedScene* scene_;
     std::unique_ptr<Embree> embree_;

@@ -22,11 +22,16 @@ namespace {
 constexpr int kSets = 4;
 /// Strata a side of a set in the pilot, and the least in what is kept.
 constexpr int kPilotStrata = 4;
-/// Errors up to this many times what was asked are the scatter of estimates with three degrees of freedom.
+/// Strata a side of a set where 16 sub-rays are all that is asked for.
+constexpr int kFewStrata = 2;
+/// Errors up to so many times what was asked are the scatter of estimates: with three degrees of freedom (particle
+/// filter), and with at least 48.
 constexpr double kLuckyPilot = 2;
+constexpr double kLuckyPilotOfBox = 1.3;
 /// Behind this transmittance nothing is seen: an order below a float's last digit.
 constexpr double kOpaque = 1e-9;
-/// Depths closer than this share of themselves are equal: rounding of the same plane, told twice.
+/// Depths closer than this share of themselves and of the eye's coordinates are equal: rounding of the same place, told
+/// twice.
 constexpr double kCoincident = 1e-13;
 
 struct Rgba {
@@ -82,10 +87,11 @@ public:
         nearest_ = std::numeric_limits<double>::infinity();
         signature = {};
         pool_.clear();
-        for (int set = 0; set < kSets; ++set) {
-            box_[set] = {};
-            trace_set(x, y, strata, set);
-        }
+        strata_sums_.assign(static_cast<std::size_t>(strata) * static_cast<std::size_t>(strata), {});
+        if (strata == kFewStrata)
+            trace_all_sets(x, y);
+        else
+            for (int set = 0; set < kSets; ++set) trace_set(x, y, strata, set);
         sub_rays_ = strata * strata;
         if (settings_.filter == PixelFilter::particle) {
             estimate_pooled();
@@ -100,15 +106,14 @@ public:
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     [[nodiscard]] double nearest() const { return nearest_; }
+    [[nodiscard]] const IsolationStats& isolation() const { return found_.patch.stats; }
     [[nodiscard]] double worst_error() const {
         return std::sqrt(std::max({variance.c[0], variance.c[1], variance.c[2], variance.c[3]}));
     }
 
 private:
     void trace_set(int x, int y, int strata, int set) {
-        // Numbered in the whole image, so that a crop has the same pixels.
-        const auto pixel = (static_cast<std::uint64_t>(y + scene_.camera.crop().y0) << 24U) |
-                           static_cast<std::uint64_t>(x + scene_.camera.crop().x0);
+        const std::uint64_t pixel = number(x, y);
         // A packet takes 4×4 neighbouring strata.
         for (int block_y = 0; block_y < strata; block_y += 4)
             for (int block_x = 0; block_x < strata; block_x += 4) {
@@ -126,22 +131,48 @@ private:
                 ray_scene_.gather(packet, found_);
                 rays += kPacket;
                 for (int i = 0; i < kPacket; ++i)
-                    add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], set);
+                    add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], set,
+                            (block_y + (i >> 2)) * strata + block_x + (i & 3));
             }
     }
 
-    void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set) {
+    /// Sets of 2 × 2 strata: one packet holds them all.
+    void trace_all_sets(int x, int y) {
+        static_assert(kSets * kFewStrata * kFewStrata == kPacket);
+        std::array<Ray, kPacket> packet;
+        RandomStream random(settings_.seed, {.object = static_cast<std::uint32_t>(Purpose::truth_jitter),
+                                             .repeat = static_cast<std::uint32_t>(kFewStrata * kSets) << 14U,
+                                             .index = number(x, y)});
+        for (int i = 0; i < kPacket; ++i) {
+            const double u = ((i & 1) + unit_interval(random())) / kFewStrata;
+            const double v = ((i >> 1 & 1) + unit_interval(random())) / kFewStrata;
+            packet[static_cast<std::size_t>(i)] = scene_.camera.ray(x + u, y + v);
+        }
+        ray_scene_.gather(packet, found_);
+        rays += kPacket;
+        for (int i = 0; i < kPacket; ++i)
+            add_ray(packet[static_cast<std::size_t>(i)], found_[static_cast<std::size_t>(i)], i >> 2, i & 3);
+    }
+
+    /// Of a pixel in the whole image, so that a crop has the same pixels.
+    [[nodiscard]] std::uint64_t number(int x, int y) const {
+        return (static_cast<std::uint64_t>(y + scene_.camera.crop().y0) << 24U) |
+               static_cast<std::uint64_t>(x + scene_.camera.crop().x0);
+    }
+
+    void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set, int stratum) {
         hits += list.size();
         const double ray_length = length(ray.direction);
+        const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)});
         std::uint64_t objects = 0;
         for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
         signature.add(objects, static_cast<std::uint32_t>(list.size()));
         double clear = 1;
-        Rgba& sum = box_[set];
+        Rgba sum;
         for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
             // Crossings at one depth are mixed, whatever their order.
             std::size_t end = i + 1;
-            while (end < list.size() && list[end].t - list[i].t <= kCoincident * list[i].t) ++end;
+            while (end < list.size() && list[end].t - list[i].t <= kCoincident * (list[i].t + eye)) ++end;
             mixed_.clear();
             for (; i < end; ++i) {
                 const RayHit& hit = list[i];
@@ -167,6 +198,11 @@ private:
             sum.c[3] += clear * (1 - passes);
             clear *= passes;
         }
+        StratumSums& sums = strata_sums_[static_cast<std::size_t>(stratum)];
+        for (std::size_t c = 0; c < 4; ++c) {
+            sums.value[c] += sum.c[c];
+            sums.square[c] += sum.c[c] * sum.c[c];
+        }
     }
 
     /// Equation (4.4) of the zSlab dissertation, for any number: what a layer of mixed_ keeps of its colour when the layers at its depth
@@ -185,14 +221,18 @@ private:
         return integral;
     }
 
+    /// Every stratum has one sub-ray of each set: their spread within strata is the variance of the stratified mean,
+    /// without bias and with three degrees of freedom a stratum.
     void estimate_box() {
         mean = variance = repeat_variance = {};
-        for (int c = 0; c < 4; ++c) {
-            for (const Rgba& set : box_) mean.c[c] += set.c[c] / sub_rays_ / kSets;
-            for (const Rgba& set : box_) {
-                const double off = set.c[c] / sub_rays_ - mean.c[c];
-                variance.c[c] += off * off / (kSets * (kSets - 1));
+        const auto strata = static_cast<double>(strata_sums_.size());
+        for (std::size_t c = 0; c < 4; ++c) {
+            for (const StratumSums& sums : strata_sums_) {
+                mean.c[c] += sums.value[c];
+                variance.c[c] += std::max(0.0, sums.square[c] - sums.value[c] * sums.value[c] / kSets);
             }
+            mean.c[c] /= kSets * strata;
+            variance.c[c] /= (kSets - 1) * kSets * strata * strata;
         }
     }
 
@@ -257,7 +297,11 @@ private:
     PacketHits found_;
     std::vector<PooledLayer> pool_;
     std::vector<MixedLayer> mixed_;  // of one ray and depth
-    Rgba box_[kSets];
+    struct StratumSums {  // over the sets
+        double value[4]{};
+        double square[4]{};
+    };
+    std::vector<StratumSums> strata_sums_;
     int sub_rays_ = 0;
     double nearest_ = 0;
 };
@@ -293,6 +337,7 @@ public:
             const std::scoped_lock lock(merging);
             stats.rays += tracer.rays;
             stats.hits += tracer.hits;
+            stats.isolation += tracer.isolation();
             done += end - begin;
             progress(static_cast<double>(done) / static_cast<double>(pixels.size()));
         });
@@ -373,6 +418,11 @@ private:
     void trace_pixel(PixelTracer& tracer, std::size_t i, int strata) {
         const int x = static_cast<int>(i % static_cast<std::size_t>(image.width()));
         const int y = static_cast<int>(i / static_cast<std::size_t>(image.width()));
+        if (settings_.samples) {
+            tracer.trace(x, y, strata, false);
+            keep(tracer, i, strata, tracer.signature, false);
+            return;
+        }
         tracer.trace(x, y, kPilotStrata, true);
         Signature met = tracer.signature;
         // The error falls at least with the strata a side, as the root of the number of sub-rays.
@@ -382,14 +432,20 @@ private:
         met.add(tracer.signature);
         // The pilot was lucky where the error is this much larger: what it missed is then known, and the
         // choice among estimates that remains is of the rarest.
-        while (tracer.worst_error() > kLuckyPilot * settings_.max_error && 2 * strata <= finest()) {
+        const double lucky = settings_.filter == PixelFilter::box ? kLuckyPilotOfBox : kLuckyPilot;
+        while (tracer.worst_error() > lucky * settings_.max_error && 2 * strata <= finest()) {
             strata *= 2;
             tracer.trace(x, y, strata, false);
             met.add(tracer.signature);
         }
+        const bool unresolved = tracer.worst_error() > lucky * settings_.max_error ||
+                                (strata < wanted && tracer.worst_error() > settings_.max_error);
+        keep(tracer, i, strata, met, unresolved);
+    }
+
+    void keep(const PixelTracer& tracer, std::size_t i, int strata, const Signature& met, bool unresolved) {
         strata_[i] = strata;
-        unresolved_[i] = tracer.worst_error() > kLuckyPilot * settings_.max_error ||
-                         (strata < wanted && tracer.worst_error() > settings_.max_error);
+        unresolved_[i] = unresolved ? 1 : 0;
         signatures_[i] = met;
         for (std::size_t c = 0; c < 4; ++c) {
             mean_[c][i] = static_cast<float>(tracer.mean.c[c]);
@@ -407,6 +463,13 @@ private:
     const RayScene& rays_;
     const TruthSettings& settings_;
 };
+
+/// Strata a side of each set for so many sub-rays a pixel.
+[[nodiscard]] int strata_of(int samples) {
+    int strata = kFewStrata;
+    while (kSets * strata * strata < samples) strata *= 2;
+    return strata;
+}
 
 /// Doubtful pixels are traced with up to this many strata a side: 1024 sub-rays.
 constexpr int kDoubtStrata = 16;
@@ -427,10 +490,12 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     TruthImage truth(scene, rays, settings);
     std::vector<std::size_t> pixels(truth.image.pixel_count());
     std::iota(pixels.begin(), pixels.end(), std::size_t{0});
-    truth.trace(pixels, kPilotStrata, stats, progress);
+    truth.trace(pixels, settings.samples ? strata_of(*settings.samples) : kPilotStrata, stats, progress);
     // Finding something makes neighbours doubtful in turn: thin things are followed along.
     const int strata = std::min(kDoubtStrata, truth.finest());
-    for (pixels = truth.doubtful(strata); !pixels.empty(); pixels = truth.doubtful(strata)) truth.trace(pixels, strata, stats);
+    if (!settings.samples)
+        for (pixels = truth.doubtful(strata); !pixels.empty(); pixels = truth.doubtful(strata))
+            truth.trace(pixels, strata, stats);
     truth.add_doubt();
     truth.summarise(stats);
     stats.trace_s = watch.lap();

@@ -3,9 +3,11 @@
 
 #include <cstdint>
 #include <functional>
+#include <optional>
 
 #include "core/image.hpp"
 #include "core/random.hpp"
+#include "field/isolation_stats.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -23,16 +25,19 @@ struct TruthSettings {
     PixelFilter filter = PixelFilter::box;
     Seed seed{};
     /// A pilot of 64 sub-rays tells how many a pixel needs for this standard error in every channel. What is
-    /// reported is the error of the sub-rays that follow, which scatters up to twice as large …
+    /// reported is the error of the sub-rays that follow, which scatters up to 1.3 (particle filter: 2) times as large …
     double max_error = 0.002;
     /// … as it does where a pixel would need more than this many; 64, 256, 1024, …
     int max_samples = 4096;
+    /// Exactly so many sub-rays in every pixel, 16, 64, 256, …: no pilot, no second look, whatever the error.
+    std::optional<int> samples = {};
 };
 
 struct TruthStats {
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     std::uint64_t unresolved_pixels = 0;  // those that would have needed more than max_samples
+    IsolationStats isolation;             // what fields could not decide, over all rays
     double worst_error = 0;               // largest standard error of a channel
     double mean_square_error = 0;         // mean over pixels and R, G, B of the squared standard error
     double build_s = 0;
@@ -48,7 +53,8 @@ struct TruthStats {
 /// permitting): slivers slip between few rays, and agreement is then no measure of the error.
 ///
 /// Four independent sets of jittered sub-rays (4×4 strata each, or 8×8, …) give a pixel's mean and the
-/// standard error of it. They share nothing with the pilot: an estimate that decides when to stop is too small.
+/// standard error of it: from the four sub-rays of each stratum (box), or from the sets by jackknife (particle). They
+/// share nothing with the pilot: an estimate that decides when to stop is too small.
 ///   progress  told the share that is done of the first look at all pixels; from one thread at a time
 [[nodiscard]] Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, TruthStats& stats,
                                 const std::function<void(double)>& progress = [](double) {});

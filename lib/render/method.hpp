@@ -10,6 +10,7 @@
 
 #include "core/image.hpp"
 #include "core/random.hpp"
+#include "field/isolation_stats.hpp"
 #include "io/config.hpp"
 #include "render/backend.hpp"
 #include "scene/prepared_scene.hpp"
@@ -34,6 +35,7 @@ struct RenderStats {
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
     std::uint64_t unresolved_pixels = 0;  // truth: pixels with a larger standard error than asked
+    IsolationStats isolation;             // what formulas could not decide
     double worst_error = 0;               // truth: the largest standard error that is left
 };
 

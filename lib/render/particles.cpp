@@ -169,6 +169,7 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
+    for (const LineSampler& sampler : samplers) stats.isolation += sampler.isolation();
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
     for (const StageTime& time : drawer->device_times())

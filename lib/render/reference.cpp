@@ -1,4 +1,6 @@
 // The method `reference`: the Embree truth behind the common face of all methods.
+#include <bit>
+
 #include "reference/truth.hpp"
 #include "render/methods.hpp"
 
@@ -12,6 +14,12 @@ namespace {
     s.max_error = input.settings.number("max_error", s.max_error, above(0));
     s.max_samples = static_cast<int>(input.settings.integer("max_samples", s.max_samples, {.lo = 64, .hi = 1 << 20}));
     if (input.max_error) s.max_error = *input.max_error;
+    if (input.settings.has("samples")) {
+        const auto samples = input.settings.integer("samples", kRequired, {.lo = 16, .hi = 1 << 20});
+        if (!std::has_single_bit(static_cast<std::uint64_t>(samples)) || std::countr_zero(static_cast<std::uint64_t>(samples)) % 2 != 0)
+            throw input.settings.error("samples", fmt::format("= {}, expected 16, 64, 256, … (a power of 4)", samples));
+        s.samples = static_cast<int>(samples);
+    }
     s.seed = input.seed;
     return s;
 }
@@ -25,7 +33,10 @@ namespace {
     return {
         {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", input.scene.objects.size())},
         {"build ray scene", 0, static_cast<std::int64_t>(100 * patches), fmt::format("{} patches", patches)},
-        {"trace", 0, 0, fmt::format("64 to {} rays a pixel, standard error <= {}", settings.max_samples, settings.max_error)},
+        {"trace", 0, 0,
+         settings.samples
+             ? fmt::format("{} rays a pixel", *settings.samples)
+             : fmt::format("64 to {} rays a pixel, standard error <= {}", settings.max_samples, settings.max_error)},
         {"image", 0, 4 * planes * input.scene.camera.width() * input.scene.camera.height(), fmt::format("{} planes", planes)},
     };
 }
@@ -35,11 +46,12 @@ namespace {
 Method reference_method() {
     return {
         "reference",
-        "ray-traced truth, all crossings in order: implicit, mesh, rectangle, trilinear isosurface; no volumes",
+        "ray-traced truth, all crossings in order: implicit, expression, mesh, rectangle, trilinear isosurface; no volumes",
         {
             {"reference.filter", "\"box\"", "\"box\": mean over the pixel; \"particle\": what particles converge to"},
             {"reference.max_error", "0.002", "standard error to reach in every channel (also --max-error)"},
             {"reference.max_samples", "4096", "most sub-rays a pixel; the first estimate takes 64"},
+            {"reference.samples", "none", "exactly 16, 64, 256, … sub-rays in every pixel, whatever the error"},
         },
         refusal_of_surface_methods,
         [](const RenderInput& input) { (void)read_settings(input); },
@@ -53,6 +65,7 @@ Method reference_method() {
             stats.hits = truth.hits;
             stats.unresolved_pixels = truth.unresolved_pixels;
             stats.worst_error = truth.worst_error;
+            stats.isolation = truth.isolation;
             return image;
         },
     };

@@ -258,7 +258,8 @@ double LineSampler::edge_weight(const Affine& to_world, const Box& box, int axis
     const double across = face_area(box, axis);
     if (object_->surface.opacity_law == OpacityLaw::oblique) {
         const Vec3 cofactor = cross(to_world.linear[(axis + 1) % 3], to_world.linear[(axis + 2) % 3]);
-        return across * length(cofactor) / least_area;
+        // The view's normals are scaled, and a reach with them: that of its own is the cofactor's length.
+        return across * (length(cofactor) * (reach / view_.reach[static_cast<std::size_t>(axis)])) / least_area;
     }
     const double side = camera_->pixel_size() * (camera_->perspective() ? least_depth : 1);
     const double depth = camera_->perspective() ? least_depth : 1;

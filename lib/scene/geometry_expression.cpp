@@ -36,7 +36,10 @@ public:
         roots.clear();
         cells_.cross(cells_.cells()[patch], near, direction, line.t_lo - middle, line.t_hi - middle, roots, out.stats);
         for (const FieldRoot& root : roots) {
-            const Vec3 normal = to_world_.normal(root.gradient);
+            // Only its direction counts, and its square must be a number.
+            const Vec3 size = glm::abs(root.gradient);
+            const double largest = std::max({size.x, size.y, size.z});
+            const Vec3 normal = to_world_.normal(largest > 0 ? root.gradient / largest : root.gradient);
             const bool usable = dot(normal, normal) > 0 && dot(normal, normal) < kInfinity;
             out.hits.push_back({middle + root.t, usable ? normal : -line.direction});
         }
