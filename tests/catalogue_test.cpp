@@ -299,7 +299,7 @@ TEST(CatalogueFormulas, VanishAtKnownPoints) {
     zero("gyroid", {0.25, 0.5, 0}, {{"period", 2}});
     zero("schwarz_p", Vec3(0.5), {{"period", 2}});
     zero("schwarz_d", {0, 0, 0}, {{"period", 2}});
-    zero("hunt", {0, 3, 0}, {});
+    zero("hunt", {0, 3.5, 0});                                 // 4·(−¾)³ + 27·(¼)² = 0
 }
 
 // ---- symmetries
