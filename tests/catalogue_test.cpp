@@ -296,7 +296,7 @@ TEST(CatalogueFormulas, VanishAtKnownPoints) {
     zero("tangle", {std::sqrt((5 + std::sqrt(2.8)) / 2), std::sqrt(2.5), std::sqrt(2.5)});
     zero("goursat", {1, 0, 0}, {{"a", 1}, {"b", 1}, {"c", -3}});
     zero("chair", {0, 0, 2}, {{"a", 1}, {"b", 1}, {"k", 1}});      // (4 − 1)² = 1·3²
-    zero("gyroid", {0.25, 0.5, 0}, {{"period", 2}});
+    zero("gyroid", {0.5, 0.5, -0.5}, {{"period", 2}});
     zero("schwarz_p", Vec3(0.5), {{"period", 2}});
     zero("schwarz_d", {0, 0, 0}, {{"period", 2}});
     zero("hunt", {0, 3.5, 0});                                 // 4·(−¾)³ + 27·(¼)² = 0
