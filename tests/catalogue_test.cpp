@@ -293,7 +293,7 @@ TEST(CatalogueFormulas, VanishAtKnownPoints) {
     zero("klein_bottle", {0, std::sqrt(2.0) + 1, 0});
     zero("chmutov", Vec3(std::cos(kPi / 12)));                   // T6(cos t) = cos 6t
     zero("chmutov", {std::cos(0.1), std::cos(0.1 + kPi / 9), std::cos(0.1 + 2 * kPi / 9)});
-    zero("tangle", {std::sqrt((5 + std::sqrt(2.8)) / 2), std::sqrt(2.5), std::sqrt(2.5)});
+    zero("tangle", {std::sqrt((5 + std::sqrt(27.8)) / 2), std::sqrt(2.5), std::sqrt(2.5)});
     zero("goursat", {1, 0, 0}, {{"a", 1}, {"b", 1}, {"c", -3}});
     zero("chair", {0, 0, 2}, {{"a", 1}, {"b", 1}, {"k", 1}});      // (4 − 1)² = 1·3²
     zero("gyroid", {0.5, 0.5, -0.5}, {{"period", 2}});
