@@ -17,6 +17,11 @@ add_test(NAME Package.IsFoundByAUsersProject
 set_tests_properties(Package.Installs PROPERTIES LABELS package FIXTURES_SETUP package)
 set_tests_properties(Package.IsFoundByAUsersProject PROPERTIES LABELS package FIXTURES_REQUIRED package TIMEOUT 300)
 
+# The scenes that come with the program.
+add_test(NAME Scenes.LoadAndRender
+         COMMAND bash ${CMAKE_CURRENT_SOURCE_DIR}/tests/scenes_test.sh $<TARGET_FILE:render>)
+set_tests_properties(Scenes.LoadAndRender PROPERTIES LABELS commands TIMEOUT 300)
+
 # The two commands, on experiments that are shell scripts; the report and the figure style.
 # The python3 on the PATH may know nothing of Debian's packages.
 set(PELLUCID_PYTHON "" CACHE STRING "A python3 that imports numpy, scipy, pandas, matplotlib and PIL; found where empty")

@@ -52,6 +52,7 @@ TEST(Bernstein, EvaluatesLikePowers) {
 
 TEST(Catalogue, CrossingsAreZerosAndAlternateInDirection) {
     for (const CatalogueEntry& entry : catalogue()) {
+        if (entry.is_formula()) continue;
         const CatalogueSurface surface(std::string(entry.name), {});
         const Vec3 size = surface.bounds().size();
         std::size_t total = 0;

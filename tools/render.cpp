@@ -1,6 +1,7 @@
 // Renders one scene file by one method:
 //   render SCENE.toml --method M -o OUT.exr [--stats S.json] [--crop x0,y0,x1,y1] [--max-error E] [--plan]
 //          [--shard i/n]
+#include <algorithm>
 #include <cstdio>
 #include <filesystem>
 #include <utility>
@@ -41,13 +42,32 @@ void list_methods() {
     }
 }
 
+/// Broken at blanks into lines that fit beside the names.
+std::vector<std::string> wrapped(std::string_view text) {
+    constexpr std::size_t kWidth = 84;
+    std::vector<std::string> lines;
+    while (text.size() > kWidth) {
+        const std::size_t end = std::min(text.rfind(' ', kWidth), text.size());
+        lines.emplace_back(text.substr(0, end));
+        text.remove_prefix(std::min(end + 1, text.size()));
+    }
+    lines.emplace_back(text);
+    return lines;
+}
+
 void list_catalogue() {
+    std::puts("Object space, axis z, negative inside. Below each: parameters = defaults; bounds without a key.");
     for (const CatalogueEntry& e : catalogue()) {
-        std::string parameters;
-        for (const auto& p : e.parameters)
-            parameters += fmt::format("{}{} = {}", parameters.empty() ? "" : ", ", p.name, p.value);
-        fmt::print("{}: {} = 0; axis z; parameters {{{}}}; bounds {}\n", e.name, e.equation, parameters,
-                   e.bounds);
+        std::string below;
+        for (const auto& p : e.parameters) {
+            below += fmt::format("{} = {:.6g}", p.name, p.value);
+            if (const std::string range = range_of(p); range != "> 0") below += fmt::format(" ({})", range);
+            below += &p == &e.parameters.back() ? "; " : ", ";
+        }
+        std::vector<std::string> lines = wrapped(fmt::format("{} = 0", e.equation));
+        lines.push_back(fmt::format("{}bounds {}", below, e.bounds));
+        for (std::size_t i = 0; i < lines.size(); ++i)
+            fmt::print("{:<24}{}{}\n", i == 0 ? e.name : "", i > 0 && i + 1 < lines.size() ? "    " : "", lines[i]);
     }
 }
 

@@ -4,13 +4,14 @@
 #include <cmath>
 
 #include "core/error.hpp"
+#include "field/catalogue_formulas.hpp"
 #include "field/polynomial.hpp"
 
 namespace pellucid {
 namespace {
 
-const std::vector<CatalogueEntry>& entries() {
-    static const std::vector<CatalogueEntry> all{
+std::vector<CatalogueEntry> entries() {
+    std::vector<CatalogueEntry> all{
         {"sphere", "x^2 + y^2 + z^2 - radius^2", {{"radius", 1}}, "tight"},
         {"ellipsoid", "(x/a)^2 + (y/b)^2 + (z/c)^2 - 1", {{"a", 1}, {"b", 0.7}, {"c", 0.5}}, "tight"},
         {"torus", "(sqrt(x^2 + y^2) - major)^2 + z^2 - minor^2", {{"major", 1}, {"minor", 0.4}}, "tight"},
@@ -22,6 +23,8 @@ const std::vector<CatalogueEntry>& entries() {
         {"hyperboloid", "(x^2 + y^2)/a^2 - z^2/c^2 - 1", {{"a", 0.5}, {"c", 0.5}}, "|z| <= 1, open"},
         {"hyperboloid_two_sheets", "(x^2 + y^2)/a^2 - z^2/c^2 + 1", {{"a", 0.5}, {"c", 0.25}}, "|z| <= 1, open"},
     };
+    const std::span<const CatalogueEntry> formulas = catalogue_formulas();
+    all.insert(all.end(), formulas.begin(), formulas.end());
     return all;
 }
 
@@ -64,24 +67,57 @@ int quadratic_crossings(double a, double b, double c, double lo, double hi, std:
 
 }  // namespace
 
-std::span<const CatalogueEntry> catalogue() { return entries(); }
+std::span<const CatalogueEntry> catalogue() {
+    static const std::vector<CatalogueEntry> all = entries();
+    return all;
+}
 
-CatalogueSurface::CatalogueSurface(const std::string& name, const std::map<std::string, double>& parameters) {
-    const auto& all = entries();
+std::string range_of(const CatalogueEntry::Parameter& p) {
+    if (p.above == -kInfinity) return p.below == kInfinity ? "finite" : fmt::format("< {:.6g}", p.below);
+    return fmt::format("> {:.6g}{}", p.above, p.below == kInfinity ? "" : fmt::format(" and < {:.6g}", p.below));
+}
+
+const CatalogueEntry& catalogue_entry(const std::string& name) {
+    const auto all = catalogue();
     const auto entry = std::find_if(all.begin(), all.end(), [&](const CatalogueEntry& e) { return e.name == name; });
     if (entry == all.end()) {
         std::string known;
         for (const CatalogueEntry& e : all) known += (known.empty() ? "" : ", ") + std::string(e.name);
         throw input_error("implicit = \"{}\", expected one of {}", name, known);
     }
-    std::map<std::string, double> p;
-    for (const auto& parameter : entry->parameters) p[std::string(parameter.name)] = parameter.value;
-    for (const auto& [key, value] : parameters) {
-        if (!p.contains(key)) throw input_error("implicit = \"{}\": it has no parameter \"{}\"", name, key);
-        if (!(value > 0 && std::isfinite(value)))
-            throw input_error("implicit = \"{}\": {} = {}, expected > 0 and finite", name, key, value);
-        p[key] = value;
+    return *entry;
+}
+
+std::map<std::string, double> catalogue_parameters(const CatalogueEntry& entry,
+                                                   const std::map<std::string, double>& given) {
+    std::map<std::string, double> values;
+    for (const auto& parameter : entry.parameters) values[std::string(parameter.name)] = parameter.value;
+    for (const auto& [key, value] : given) {
+        const auto& all = entry.parameters;
+        const auto parameter = std::find_if(all.begin(), all.end(), [&](const auto& p) { return p.name == key; });
+        if (parameter == all.end())
+            throw input_error("implicit = \"{}\": it has no parameter \"{}\"", entry.name, key);
+        if (!(value > parameter->above && value < parameter->below))
+            throw input_error("implicit = \"{}\": {} = {}, expected {}{}", entry.name, key, value, range_of(*parameter),
+                              parameter->above == 0 && parameter->below == kInfinity ? " and finite" : "");
+        values[key] = value;
     }
+    return values;
+}
+
+CatalogueFormula catalogue_formula(const CatalogueEntry& entry, const std::map<std::string, double>& parameters) {
+    const std::map<std::string, double> values = catalogue_parameters(entry, parameters);
+    const auto corner = [&](std::size_t first) {
+        Vec3 x;
+        for (std::size_t i = 0; i < 3; ++i)
+            x[static_cast<int>(i)] = Expression(entry.box[first + i], values).at(Vec3(0.0));
+        return x;
+    };
+    return {Expression(entry.equation, values), Box{corner(0), corner(3)}};
+}
+
+CatalogueSurface::CatalogueSurface(const std::string& name, const std::map<std::string, double>& parameters) {
+    std::map<std::string, double> p = catalogue_parameters(catalogue_entry(name), parameters);
 
     const auto quadric = [&](const Vec3& q, const Vec3& l, double c, const Box& box) {
         square_ = q;

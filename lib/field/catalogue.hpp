@@ -1,4 +1,4 @@
-// Analytic surfaces by name: quadrics and the torus, f = 0, with every crossing of a line.
+// Surfaces by name: quadrics and the torus with every crossing of a line in closed form, and famous formulas.
 #pragma once
 
 #include <array>
@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "core/vec.hpp"
+#include "field/expression.hpp"
 
 namespace pellucid {
 
@@ -20,20 +21,46 @@ inline constexpr int kMaxCatalogueCrossings = 4;
 struct CatalogueEntry {
     struct Parameter {
         std::string_view name;
-        double value;  // default; every parameter is > 0
+        double value;       // default
+        double above = 0;   // legal in between, ends excluded
+        double below = kInfinity;
     };
     std::string_view name;
     std::string_view equation;  // in object space, negative inside; the axis is z
     std::vector<Parameter> parameters;
     std::string_view bounds;    // object-space box when the scene gives none
+    /// The same box as formulas of the parameters, low and high corner; empty where the surface is a CatalogueSurface.
+    std::array<std::string_view, 6> box = {};
+
+    /// Whether `equation` itself is the surface; otherwise it is a CatalogueSurface.
+    [[nodiscard]] bool is_formula() const { return !box[0].empty(); }
 };
 [[nodiscard]] std::span<const CatalogueEntry> catalogue();
+/// Legal values of a parameter, for people: "> 0".
+[[nodiscard]] std::string range_of(const CatalogueEntry::Parameter& parameter);
+
+/// Throws Error(input) where there is no such name: all names.
+[[nodiscard]] const CatalogueEntry& catalogue_entry(const std::string& name);
+/// All parameters of an entry: those given, and the defaults of the others. Throws Error(input) where one is not the
+/// entry's, or not in its range.
+[[nodiscard]] std::map<std::string, double> catalogue_parameters(const CatalogueEntry& entry,
+                                                                 const std::map<std::string, double>& given);
+
+/// f = 0 in its box.
+struct CatalogueFormula {
+    Expression field;
+    Box bounds;
+};
+/// Precondition: is_formula(). Throws Error(input) as catalogue_parameters does.
+[[nodiscard]] CatalogueFormula catalogue_formula(const CatalogueEntry& entry,
+                                                 const std::map<std::string, double>& parameters);
 
 /// f(x) = 0 with f = Σ q_i x_i² + l·x + c (a quadric in principal axes), or the torus
 /// (|(x, y)| − major)² + z² = minor².
 class CatalogueSurface {
 public:
-    /// Throws Error(input) where the name or a parameter is not in the catalogue, or is not > 0.
+    /// Throws Error(input) where the name or a parameter is not in the catalogue or not in its range. Precondition: the
+    /// entry of that name is no formula.
     CatalogueSurface(const std::string& name, const std::map<std::string, double>& parameters);
 
     /// The surface's own box: tight where it is bounded, else the catalogue's.

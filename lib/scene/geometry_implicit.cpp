@@ -1,4 +1,4 @@
-// Catalogue surfaces: one patch, their bounds.
+// Catalogue surfaces. Closed forms: one patch, their bounds. Formulas: as any other formula.
 #include <algorithm>
 
 #include "field/catalogue.hpp"
@@ -96,6 +96,11 @@ private:
 }  // namespace
 
 std::unique_ptr<SurfaceGeometry> make_implicit(const Surface& surface, const ImplicitShape& shape) {
+    const CatalogueEntry& entry = catalogue_entry(shape.name);
+    if (entry.is_formula()) {
+        const CatalogueFormula formula = catalogue_formula(entry, shape.parameters);
+        return make_field(surface, formula.field, surface.bounds.value_or(formula.bounds));
+    }
     CatalogueSurface field(shape.name, shape.parameters);
     Box bounds = field.bounds();
     if (surface.bounds) {
