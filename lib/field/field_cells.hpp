@@ -26,6 +26,8 @@ struct FieldCell {
     std::array<std::uint32_t, 3> base{};  // of 2^FieldCells::kDepth along each axis
     std::uint32_t extent = 0;             // 2^(kDepth − level)
     bool continuous = false;              // f is, all over the cell; otherwise gradients say nothing
+    /// All over `tight`. Outside of it, in the cell, f keeps its sign, so what is monotone there has one root at most on
+    /// all of a line's way through the cell.
     std::array<Interval, 3> gradient;
     Box tight;  // within the cell; all of the surface that is in the cell is in it
 

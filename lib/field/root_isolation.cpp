@@ -30,9 +30,6 @@ struct Cluster {
     bool cut_short;   // not subdivided to the end
 };
 
-/// A cluster longer than this share of the interval, where f is zero but for rounding, may hold anything.
-constexpr double kMostNoise = 1e-6;
-
 enum class Sign : signed char { negative, positive, undefined };
 
 struct Scratch {
@@ -303,7 +300,9 @@ private:
         const Interval interval_b = f_.at(c.b);
         Sign at_a = f_.sign(c.a, interval_a);
         Sign at_b = f_.sign(c.b, interval_b);
-        bool doubt = true;
+        // A cluster in which f is monotone hides nothing; poles and gaps are judged below.
+        const Dual<Interval> over = f_.over(c.a, c.b);
+        bool doubt = c.cut_short || (over.value.continuous && over.slope.has_zero());
 
         // Where f is defined at one end alone: from there to the edge.
         if (at_a == Sign::undefined && at_b == Sign::undefined) {

@@ -162,7 +162,7 @@ private:
     void add_ray(const Ray& ray, const std::vector<RayHit>& list, int set, int stratum) {
         hits += list.size();
         const double ray_length = length(ray.direction);
-        const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)});
+        const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)}) / ray_length;
         std::uint64_t objects = 0;
         for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
         signature.add(objects, static_cast<std::uint32_t>(list.size()));
@@ -480,6 +480,8 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     if (!(brightest_color(scene) <= kMostColor))
         throw input_error("{}: lights and shading give colours up to {:.3g}, expected at most {}", scene.settings.source,
                           brightest_color(scene), kMostColor);
+    if (settings.samples && kSets * strata_of(*settings.samples) * strata_of(*settings.samples) != *settings.samples)
+        throw input_error("{} sub-rays a pixel, expected 16, 64, 256, … (a power of 4)", *settings.samples);
     Stopwatch watch;
     const RayScene rays(scene);
     stats.build_s = watch.lap();

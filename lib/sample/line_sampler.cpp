@@ -549,6 +549,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
         std::array<std::size_t, FieldCells::kMostRoots + 1> lines_before{};
         for (std::size_t a = 0; a < before.size(); ++a) before[a] = weights.fields[a].size();
         for (std::size_t k = 0; k < lines_before.size(); ++k) lines_before[k] = weights.field_lines[k].size();
+        const std::size_t cells_before = field_cells_;
         std::array<Box, 8> parts;
         const int part_count = cut(box, parts);
         double sum = 0;
@@ -559,6 +560,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
             weights.fields[a].resize(before[a]);
             weights.field_weights[a].resize(before[a]);
         }
+        field_cells_ = cells_before;
         for (std::size_t k = 0; k < lines_before.size(); ++k) {
             weights.field_lines[k].resize(lines_before[k]);
             weights.field_line_weights[k].resize(lines_before[k]);
@@ -570,6 +572,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
         weights.field_weights[static_cast<std::size_t>(best)].push_back(whole);
         return whole;
     }
+    ++field_cells_;
     for (std::size_t a = 0; a < 3; ++a) {
         if (!(along[a] > 0)) continue;
         weights.field_lines[labels[a]].push_back({piece, reach, index, static_cast<int>(a)});

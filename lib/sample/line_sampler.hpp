@@ -61,8 +61,7 @@ public:
     /// V above; 0 where nothing can be seen.
     [[nodiscard]] double virtual_pixels() const { return virtual_pixels_; }
     [[nodiscard]] std::size_t piece_count() const {
-        return flats_.size() + cells_.size() + box_count_ + pieces_.size() + fields_.size() +
-               field_lines_.size() / 3;
+        return flats_.size() + cells_.size() + box_count_ + pieces_.size() + fields_.size() + field_cells_;
     }
     [[nodiscard]] std::size_t bytes() const;
     [[nodiscard]] const Object& object() const { return *object_; }
@@ -182,6 +181,7 @@ private:
     std::vector<CellRecord> cells_;
     std::vector<FieldPiece> fields_;
     std::vector<FieldLines> field_lines_;
+    std::size_t field_cells_ = 0;  // that field_lines_ serve
     std::shared_ptr<const FieldPrograms> programs_;
     std::shared_ptr<Doubts> doubts_;
     std::vector<FlatPiece> flats_;
