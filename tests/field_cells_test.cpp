@@ -245,12 +245,15 @@ TEST_P(EveryField, CellsTouchButDoNotOverlap) {
     const FieldCells cells = cells_of(GetParam());
     double volume = 0;
     for (const FieldCell& cell : cells.cells()) {
-        volume += std::pow(static_cast<double>(cell.extent) / FieldCells::kPlanes, 3);
+        double part = 1;
+        for (const std::uint32_t extent : cell.extent) part *= static_cast<double>(extent) / FieldCells::kPlanes;
+        volume += part;
         const Box whole = cells.box(cell);
         for (int axis = 0; axis < 3; ++axis) {
             const std::uint32_t base = cell.base[static_cast<std::size_t>(axis)];
-            ASSERT_EQ(base % cell.extent, 0U);
-            ASSERT_LE(base + cell.extent, FieldCells::kPlanes);
+            const std::uint32_t extent = cell.extent[static_cast<std::size_t>(axis)];
+            ASSERT_EQ(base % extent, 0U);
+            ASSERT_LE(base + extent, FieldCells::kPlanes);
             ASSERT_LE(whole.lo[axis], cell.tight.lo[axis]);
             ASSERT_LE(cell.tight.lo[axis], cell.tight.hi[axis]);
             ASSERT_LE(cell.tight.hi[axis], whole.hi[axis]);

@@ -249,16 +249,38 @@ struct FieldCells::Builder {
         return false;
     }
 
-    /// What is left of the halves of all cells.
+    [[nodiscard]] Vec3 size_of(const FieldCell& cell) const {
+        return cells.bounds_.size() *
+               (Vec3(cell.extent[0], cell.extent[1], cell.extent[2]) * (1.0 / static_cast<double>(kPlanes)));
+    }
+
+    /// The axes along which cells of this size are halved next, as bits; none where they are as small as can be.
+    [[nodiscard]] unsigned long_axes(const FieldCell& cell) const {
+        constexpr std::uint32_t kLeastExtent = 4;
+        constexpr double kLong = 0.6;  // of the longest
+        const Vec3 size = size_of(cell);
+        double longest = 0;
+        for (std::size_t axis = 0; axis < 3; ++axis)
+            if (cell.extent[axis] > kLeastExtent) longest = std::max(longest, size[static_cast<int>(axis)]);
+        unsigned halved = 0;
+        for (std::size_t axis = 0; axis < 3; ++axis)
+            if (cell.extent[axis] > kLeastExtent && size[static_cast<int>(axis)] > kLong * longest) halved |= 1U << axis;
+        return halved;
+    }
+
+    /// What is left of the halves of all cells, which have one size.
     [[nodiscard]] std::vector<Found> split(const std::vector<Found>& parents) const {
+        const unsigned halved = long_axes(parents.front().cell);
         std::vector<std::vector<Found>> kept(parents.size());
         parallel_for(parents.size(), 16, [&](std::size_t begin, std::size_t end) {
             for (std::size_t i = begin; i < end; ++i)
                 for (unsigned corner = 0; corner < 8; ++corner) {
+                    if ((corner & ~halved) != 0) continue;
                     Found child = parents[i];
-                    child.cell.extent /= 2;
-                    for (std::size_t axis = 0; axis < 3; ++axis)
-                        if ((corner >> axis & 1U) != 0) child.cell.base[axis] += child.cell.extent;
+                    for (std::size_t axis = 0; axis < 3; ++axis) {
+                        if ((halved >> axis & 1U) != 0) child.cell.extent[axis] /= 2;
+                        if ((corner >> axis & 1U) != 0) child.cell.base[axis] += child.cell.extent[axis];
+                    }
                     if (look(child)) kept[i].push_back(child);
                 }
         });
@@ -279,10 +301,12 @@ struct FieldCells::Builder {
         std::vector<FieldCell> done;
         double done_faces = 0;
         // Nothing is known of its noise.
-        Found root{{{0, 0, 0}, kPlanes, false, {}, {}}, kInfinity, false};
+        Found root{{{0, 0, 0}, {kPlanes, kPlanes, kPlanes}, false, {}, {}}, kInfinity, false};
         std::vector<Found> pending;
         if (look(root)) pending.push_back(root);
-        for (double face = 1; !pending.empty(); face /= 4) {
+        while (!pending.empty()) {
+            const Vec3 size = size_of(pending.front().cell) / length(cells.bounds_.size());
+            const double face = size.x * size.y + size.y * size.z + size.z * size.x;
             probe(pending);
             const auto finish = [&](auto&& ready) {
                 const auto rest = std::stable_partition(pending.begin(), pending.end(), ready);
@@ -299,7 +323,7 @@ struct FieldCells::Builder {
             const double share = left / (left + done_faces);
             // Few cells, around points, may as well be cut further.
             const bool few = static_cast<double>(pending.size()) < kFewCells * static_cast<double>(done.size());
-            if (pending.empty() || (full() && !few) || pending.front().cell.extent <= 4 ||
+            if (pending.empty() || (full() && !few) || long_axes(pending.front().cell) == 0 ||
                 share < (few ? kLeastShareOfFew : kLeastShareLeft))
                 break;
             pending = split(pending);
@@ -337,7 +361,7 @@ Box FieldCells::box(const FieldCell& cell) const {
     for (int axis = 0; axis < 3; ++axis) {
         const std::uint32_t base = cell.base[static_cast<std::size_t>(axis)];
         box.lo[axis] = plane(axis, base);
-        box.hi[axis] = plane(axis, base + cell.extent);
+        box.hi[axis] = plane(axis, base + cell.extent[static_cast<std::size_t>(axis)]);
     }
     return box;
 }
@@ -390,7 +414,7 @@ void FieldCells::cross(const FieldCell& cell, const Vec3& origin, const Vec3& di
     for (int axis = 0; axis < 3; ++axis) {
         const std::uint32_t base = cell.base[static_cast<std::size_t>(axis)];
         const double first = plane(axis, base);
-        const double last = plane(axis, base + cell.extent);
+        const double last = plane(axis, base + cell.extent[static_cast<std::size_t>(axis)]);
         if (direction[axis] == 0) {
             if (!(origin[axis] >= first && origin[axis] < last)) return;
             continue;

@@ -23,8 +23,8 @@
 namespace pellucid {
 
 struct FieldCell {
-    std::array<std::uint32_t, 3> base{};  // of 2^FieldCells::kDepth along each axis
-    std::uint32_t extent = 0;             // 2^(kDepth − level)
+    std::array<std::uint32_t, 3> base{};    // of 2^FieldCells::kDepth along each axis
+    std::array<std::uint32_t, 3> extent{};  // powers of two: long sides of the bounds are halved more often
     bool continuous = false;              // f is, all over the cell; otherwise gradients say nothing
     /// All over `tight`. Outside of it, in the cell, f keeps its sign, so what is monotone there has one root at most on
     /// all of a line's way through the cell.

@@ -46,6 +46,8 @@ public:
     Line(const Program& f, const Vec3& origin, const Vec3& direction, Scratch& scratch)
         : f_(f), origin_(origin), direction_(direction), scratch_(scratch) {}
 
+    [[nodiscard]] int steps() const { return static_cast<int>(f_.steps.size()); }
+
     [[nodiscard]] Interval at(double t) const {
         const auto x = [t](double o, double d) { return Interval(o) + Interval(d) * Interval(t); };
         std::array<Interval, 1> out;
@@ -191,10 +193,11 @@ public:
     void run_all(std::vector<Stretch>& stack) {
         stack.clear();
         stack.push_back({lo_, hi_, f_.at(lo_), f_.at(hi_)});
+        const int most = std::clamp(kMostSteps / std::max(1, f_.steps()), kFewestPieces, kMostPieces);
         for (int pieces = 0; !stack.empty(); ++pieces) {
             const Stretch piece = stack.back();
             stack.pop_back();
-            if (pieces < kMostPieces) look(piece, stack);
+            if (pieces < most) look(piece, stack);
             else leave({piece.a, piece.b, false, true});
         }
         close();

@@ -32,7 +32,10 @@ struct Root {
 /// one, or as none if their number is even, and are then counted as undecided. Polynomials tell all apart.
 inline constexpr double kLeastShare = 1e-9;
 /// Most pieces of one line where intervals are subdivided. What is left then is a cluster, and undecided.
-inline constexpr int kMostPieces = 100000;
+inline constexpr int kMostPieces = 10000;
+/// … and most steps of the formula on all of them, but for kFewestPieces.
+inline constexpr int kMostSteps = 200000;
+inline constexpr int kFewestPieces = 200;
 
 class RootIsolator {
 public:

@@ -185,7 +185,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
 Method particles_method() {
     return {
         "particles",
-        "opaque particles, ensemble mean (PBSR): implicit, mesh, rectangle, trilinear isosurface; no volumes",
+        "opaque particles, ensemble mean (PBSR): implicit, expression, mesh, rectangle, trilinear isosurface; no volumes",
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
