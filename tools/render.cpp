@@ -12,6 +12,7 @@
 #include "core/error.hpp"
 #include "core/stopwatch.hpp"
 #include "field/catalogue.hpp"
+#include "field/root_isolation.hpp"
 #include "harness/options.hpp"
 #include "harness/progress.hpp"
 #include "harness/provenance.hpp"
@@ -122,8 +123,8 @@ void warn_of(const IsolationStats& isolation) {
     if (isolation.touching > 0)
         warn("{} crossings touch zero without a change of sign: they are drawn", isolation.touching);
     if (isolation.undecided > 0)
-        warn("{} pieces of lines, 1e-9 of their length, stay undecided: roots may be missing or doubled there",
-             isolation.undecided);
+        warn("{} pieces of lines stay undecided: roots closer than {} of a line's way may be told as one there",
+             isolation.undecided, kLeastShare);
     if (isolation.poles > 0) warn("{} changes of sign are poles or gaps: nothing is drawn there", isolation.poles);
 }
 

@@ -1,4 +1,4 @@
-// A value and its derivative along a line, over numbers or intervals: an algebra for `run`.
+// A value and its derivative along a line, over numbers or intervals: an algebra for `run_program`.
 #pragma once
 
 #include "core/interval.hpp"

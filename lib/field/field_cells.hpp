@@ -5,9 +5,10 @@
 // for two evaluations. Cells are cut until that holds along one axis and the gradient's direction varies little, or
 // until what is left of the surface is not worth it.
 //
-// Every decision on signs in cells is that of `run_program<Real>`, at places that neighbouring cells share to the last bit; cells
-// are thrown away only where |f| is above its rounding. So a line's crossings in all cells together are those of
-// one sequence of signs: none is lost or doubled at a face.
+// Every decision on signs in cells is that of `run_program<Real>`, at places that neighbouring cells share to the last
+// bit; cells are thrown away only where |f| is above its rounding. So a line's crossings in all cells together are
+// those of one sequence of signs: none is lost or doubled at a face. Through an edge or corner of cells the sequence
+// may show rounding as three changes for one; the truth drops such repeats (reference/ray_scene.cpp).
 #pragma once
 
 #include <array>

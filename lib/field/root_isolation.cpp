@@ -132,8 +132,7 @@ private:
     return t;
 }
 
-/// Neighbouring doubles with different signs, from different signs at a and b. `sign_b` may be undefined on
-/// neither.
+/// Neighbouring doubles with different signs, from different signs at a and b; f is defined at both.
 [[nodiscard]] std::pair<double, double> follow_signs(const Line& f, double a, double b, Sign at_b) {
     while (!neighbours(a, b)) {
         const double m = middle(a, b);

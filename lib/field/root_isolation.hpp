@@ -1,4 +1,5 @@
-// Every root of a field along a line, certified.
+// Every root of a field along a line: their number certified, their places to 1e-11 of the interval where they are
+// ill-conditioned, else to the last bits.
 //
 // Polynomials (degree <= 12 along the line): Bernstein coefficients in floating point with an error bound,
 // bisection by Descartes' rule of signs; where a bound leaves a sign open, exact integer coefficients decide
@@ -32,9 +33,9 @@ struct Root {
 /// one, or as none if their number is even, and are then counted as undecided. Polynomials tell all apart.
 inline constexpr double kLeastShare = 1e-9;
 /// Most pieces of one line where intervals are subdivided. What is left then is a cluster, and undecided.
-inline constexpr int kMostPieces = 10000;
+inline constexpr int kMostPieces = 2000;
 /// … and most steps of the formula on all of them, but for kFewestPieces.
-inline constexpr int kMostSteps = 200000;
+inline constexpr int kMostSteps = 40000;
 inline constexpr int kFewestPieces = 200;
 
 class RootIsolator {
@@ -49,9 +50,9 @@ public:
 
     /// Most roots that one line can have by degree; 0 = no such bound.
     [[nodiscard]] int most_roots() const;
-    /// The next two for tests and for comparison: each way by itself. Precondition of the first:
-    /// polynomial().
+    /// Whether f is a polynomial of degree 12 at most on every line.
     [[nodiscard]] bool polynomial() const;
+    /// Each way by itself, for tests and comparison. Precondition of the first: polynomial().
     void isolate_polynomial(const Vec3& origin, const Vec3& direction, double lo, double hi,
                             std::vector<Root>& roots, IsolationStats& stats) const;
     void isolate_by_intervals(const Vec3& origin, const Vec3& direction, double lo, double hi,
