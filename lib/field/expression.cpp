@@ -54,15 +54,7 @@ constexpr int kMostDegree = 1000;
     return degree == kNotPolynomial ? std::nullopt : std::optional(degree);
 }
 
-template <std::size_t Count>
-[[nodiscard]] std::array<double, Count> results_at(const Program& program, const Vec3& x) {
-    thread_local std::vector<Real> values;
-    std::array<Real, Count> results;
-    run_program<Real>(program, {Real(x.x), Real(x.y), Real(x.z)}, values, results);
-    std::array<double, Count> numbers{};
-    for (std::size_t i = 0; i < Count; ++i) numbers[i] = results[i].value;
-    return numbers;
-}
+[[nodiscard]] std::array<Real, 3> reals(const Vec3& x) { return {Real(x.x), Real(x.y), Real(x.z)}; }
 
 }  // namespace
 
@@ -151,11 +143,11 @@ const Program& Expression::hessian() const {
     return s.hessian;
 }
 
-double Expression::at(const Vec3& x) const { return results_at<1>(state_->value, x)[0]; }
+double Expression::at(const Vec3& x) const { return evaluate_at<Real, 1>(state_->value, reals(x))[0].value; }
 
 Vec3 Expression::gradient_at(const Vec3& x) const {
-    const auto [value, fx, fy, fz] = results_at<4>(state_->gradient, x);
-    return {fx, fy, fz};
+    const auto fg = evaluate_at<Real, 4>(state_->gradient, reals(x));
+    return {fg[1].value, fg[2].value, fg[3].value};
 }
 
 std::optional<int> Expression::degree() const { return state_->degree; }

@@ -3,11 +3,13 @@
 #include <algorithm>
 #include <cmath>
 #include <ranges>
+#include <utility>
 
 #include "core/parallel.hpp"
 #include "core/real.hpp"
 #include "field/point_evaluator.hpp"
 #include "field/rounded.hpp"
+#include "field/safeguarded_newton.hpp"
 
 namespace pellucid {
 namespace {
@@ -34,15 +36,6 @@ constexpr double kShrunkMuch = 0.6;
 constexpr double kPlaceRounding = 0x1p-50;
 /// Boxes around the surface are larger than they need be by this share of their cell.
 constexpr double kShrinkRoom = 1e-6;
-
-/// Program, point, result: one scratch a thread and algebra.
-template <class T, std::size_t outputs>
-[[nodiscard]] std::array<T, outputs> evaluate_at(const Program& program, const std::array<T, 3>& at) {
-    thread_local std::vector<T> values;
-    std::array<T, outputs> out;
-    run_program<T>(program, at, values, out);
-    return out;
-}
 
 [[nodiscard]] std::array<Real, 3> reals(const Vec3& x) { return {Real(x.x), Real(x.y), Real(x.z)}; }
 
@@ -380,29 +373,16 @@ Vec3 FieldCells::gradient_near(const Vec3& x, const Vec3& aside) const {
     return length(here) >= kVanishes * size || !(size > 0) ? here : beside;
 }
 
-/// The one root between lo and hi, where f is monotone: Newton from the secant's guess, halving where it leaves
-/// the bracket or does not shrink its step.
+/// The one root between lo and hi, from the secant's guess.
 FieldRoot FieldCells::refine(const Vec3& origin, const Vec3& direction, double lo, double hi, double f_lo,
                              double f_hi) const {
-    // A step so small leaves an error below rounding: Newton's errors are squared.
-    const double small = 0x1p-30 * (hi - lo);
-    const bool rising = !positive(f_lo);
-    double t = lo - f_lo * ((hi - lo) / (f_hi - f_lo));
-    double last_step = hi - lo;
     Vec3 gradient(0.0);
-    for (int step = 0; step < 100; ++step) {
-        if (!(t > lo && t < hi)) t = lo + 0.5 * (hi - lo);
-        const auto fg = evaluate_at<Real, 4>(field_.gradient(), reals(origin + t * direction));
-        const double value = fg[0].value;
+    const double guess = lo - f_lo * ((hi - lo) / (f_hi - f_lo));
+    const double t = safeguarded_newton(lo, hi, guess, !positive(f_lo), [&](double at) {
+        const auto fg = evaluate_at<Real, 4>(field_.gradient(), reals(origin + at * direction));
         gradient = {fg[1].value, fg[2].value, fg[3].value};
-        (positive(value) == rising ? hi : lo) = t;
-        double next = t - value / dot(gradient, direction);
-        if (!(next >= lo && next <= hi) || std::abs(next - t) > 0.5 * last_step) next = lo + 0.5 * (hi - lo);
-        last_step = std::abs(next - t);
-        const bool close = last_step <= small || !(t > lo - last_step && hi - lo > 0x1p-52 * std::abs(t));
-        t = next;
-        if (close) break;
-    }
+        return std::pair(fg[0].value, dot(gradient, direction));
+    });
     return {t, gradient};
 }
 

@@ -77,4 +77,13 @@ void run_program(const Program& program, const std::array<T, 3>& at, std::vector
     for (std::size_t i = 0; i < program.outputs.size(); ++i) out[i] = values[program.outputs[i]];
 }
 
+/// The results at one place, with a scratch a thread.
+template <class T, std::size_t outputs>
+[[nodiscard]] std::array<T, outputs> evaluate_at(const Program& program, const std::array<T, 3>& at) {
+    thread_local std::vector<T> values;
+    std::array<T, outputs> out;
+    run_program<T>(program, at, values, out);
+    return out;
+}
+
 }  // namespace pellucid

@@ -1,8 +1,10 @@
 #include "sample/field_lines.hpp"
 
 #include <cmath>
+#include <utility>
 
 #include "core/real.hpp"
+#include "field/safeguarded_newton.hpp"
 
 namespace pellucid {
 namespace {
@@ -10,34 +12,23 @@ namespace {
 using Triple = std::array<double, 3>;
 
 template <std::size_t outputs>
-[[nodiscard]] std::array<double, outputs> evaluate_at(const Program& program, const Triple& x) {
-    thread_local std::vector<Real> values;
-    std::array<Real, outputs> out;
-    run_program<Real>(program, {Real(x[0]), Real(x[1]), Real(x[2])}, values, out);
-    std::array<double, outputs> plain;
-    for (std::size_t i = 0; i < outputs; ++i) plain[i] = out[i].value;
-    return plain;
+[[nodiscard]] std::array<double, outputs> numbers_at(const Program& program, const Triple& x) {
+    const auto results = evaluate_at<Real, outputs>(program, {Real(x[0]), Real(x[1]), Real(x[2])});
+    std::array<double, outputs> numbers;
+    for (std::size_t i = 0; i < outputs; ++i) numbers[i] = results[i].value;
+    return numbers;
 }
 
 }  // namespace
 
 FieldStep refine_slowly(const Expression& field, std::size_t axis, Triple x, double lo, double hi, bool rising) {
-    const double small = kSmallStep * (hi - lo);
-    double t = lo + 0.5 * (hi - lo);
-    double last_step = hi - lo;
     FieldStep found;
-    for (int step = 0; step < 100; ++step) {
+    found.root = safeguarded_newton(lo, hi, lo + 0.5 * (hi - lo), rising, [&](double t) {
         x[axis] = t;
-        const auto fg = evaluate_at<4>(field.gradient(), x);
+        const auto fg = numbers_at<4>(field.gradient(), x);
         found.gradient = {fg[1], fg[2], fg[3]};
-        ((fg[0] >= 0) == rising ? hi : lo) = t;
-        double next = t - fg[0] / fg[1 + axis];
-        if (!(next >= lo && next <= hi) || std::abs(next - t) > 0.5 * last_step) next = lo + 0.5 * (hi - lo);
-        last_step = std::abs(next - t);
-        t = next;
-        if (last_step <= small || hi - lo <= 0x1p-52 * std::abs(t)) break;
-    }
-    found.root = t;
+        return std::pair(fg[0], fg[1 + axis]);
+    });
     return found;
 }
 
@@ -54,15 +45,15 @@ bool cross_field(const LineView& view, const FieldBlock& block, std::uint32_t pi
     const double lo = p.lo[a];
     const double hi = p.hi[a];
     x[a] = lo;
-    const double f0 = evaluate_at<1>(field.value(), x)[0];
+    const double f0 = numbers_at<1>(field.value(), x)[0];
     x[a] = hi;
-    const double f1 = evaluate_at<1>(field.value(), x)[0];
+    const double f1 = numbers_at<1>(field.value(), x)[0];
     if ((f0 >= 0) == (f1 >= 0)) return false;
 
     // The secant's guess; then the cubic t(f) through both ends and this place with its slope, at f = 0.
     const double t0 = lo + f0 / (f0 - f1) * (hi - lo);
     x[a] = t0;
-    const auto [f, slope] = evaluate_at<2>(field.slope(block.axis), x);
+    const auto [f, slope] = numbers_at<2>(field.slope(block.axis), x);
     const double per_slope = 1 / slope;
     const double from_lo = f0 - f;
     const double from_hi = f1 - f;
@@ -76,7 +67,7 @@ bool cross_field(const LineView& view, const FieldBlock& block, std::uint32_t pi
     bool close = false;
     for (int k = 0; k < kPlainSteps && !close && inside(step.root); ++k) {
         x[a] = step.root;
-        const auto fg = evaluate_at<4>(field.gradient(), x);
+        const auto fg = numbers_at<4>(field.gradient(), x);
         step = {x[a] - fg[0] / fg[1 + a], {fg[1], fg[2], fg[3]}};
         close = std::abs(step.root - x[a]) <= kSmallStep * (hi - lo);
     }
