@@ -1,7 +1,10 @@
 // The ray-traced truth against closed forms.
 #include "reference/truth.hpp"
 
+#include <fstream>
+
 #include "core/parallel.hpp"
+#include "reference/ray_scene.hpp"
 #include "scene_testing.hpp"
 
 namespace pellucid {
@@ -156,6 +159,43 @@ TEST(Truth, ClosedMeshHasNoOddNumberOfHits) {
     for (const float a : image.plane("A")) odd += std::abs(a - 0.75F) > 1e-4F ? 1 : 0;
     EXPECT_EQ(odd, 0);
     EXPECT_EQ(stats.hits, 2 * stats.rays);
+}
+
+/// Hits of one ray, given sixteen times.
+std::size_t hits_of(const PreparedScene& scene, const Vec3& origin, const Vec3& direction) {
+    const RayScene rays(scene);
+    std::array<Ray, kPacket> packet;
+    packet.fill({origin, direction});
+    PacketHits hits;
+    rays.gather(packet, hits);
+    return hits[3].size();
+}
+
+TEST(Truth, AnEdgeOrCornerInsideTheOutlineIsMetOnce) {
+    const fs::path folder = test_folder();
+    std::ofstream(folder / "octahedron.obj") << "v 1 0 0\nv -1 0 0\nv 0 1 0\nv 0 -1 0\nv 0 0 1\nv 0 0 -1\n"
+                                                "f 1 3 5\nf 3 2 5\nf 2 4 5\nf 4 1 5\nf 3 1 6\nf 2 3 6\nf 4 2 6\nf 1 4 6\n";
+    const PreparedScene mesh =
+        prepare(scene_from(head(8, 8, 4) + "[[surface]]\nmesh = \"octahedron.obj\"\nopacity = 0.5\n", folder));
+    for (const Vec3& through : {Vec3(0, 0, 0), Vec3(0.25, 0, 0), Vec3(0, -0.5, 0), Vec3(0.2, 0.3, 0), Vec3(1e-9, 1e-9, 0)})
+        EXPECT_EQ(hits_of(mesh, through + Vec3(0, 0, 4), Vec3(0, 0, -1)), 2U) << through.x << " " << through.y;
+
+    // Sheets that are thinner than an edge is wide stay two: their sides differ, or they are no neighbours.
+    std::ofstream(folder / "thin.obj") << "v -1 -1 0\nv 1 -1 0\nv 1 1 0\nv -1 1 0\nv -1 -1 1e-7\nv 1 -1 1e-7\nv 1 1 1e-7\nv -1 1 1e-7\n"
+                                          "f 1 2 3\nf 1 3 4\nf 5 6 7\nf 5 7 8\n";
+    const PreparedScene thin =
+        prepare(scene_from(head(8, 8, 4) + "[[surface]]\nmesh = \"thin.obj\"\nopacity = 0.5\n", folder));
+    for (const double at : {0.0, 0.3, -0.7}) EXPECT_EQ(hits_of(thin, {at, at, 4}, {0, 0, -1}), 2U) << at;
+
+    // Three planes of an octree's cells meet where this line does.
+    const PreparedScene cubic = prepare(scene_from(
+        head(8, 8, 4) + "[[surface]]\nexpression = \"x^3+y^3+z^3+2*x+y\"\nbounds = [[-1, -1, -1], [1, 1, 1]]\nopacity = 0.5\n"));
+    for (int i = 0; i < 200; ++i) {
+        const Vec3 along = normalize(Vec3(std::sin(i), std::cos(1.7 * i), 0.3 + std::sin(0.9 * i)));
+        if (std::abs(2 * along.x + along.y) < 0.05) continue;
+        EXPECT_EQ(hits_of(cubic, -4.0 * along, along) % 2, 1U) << i;
+        EXPECT_LE(hits_of(cubic, -4.0 * along, along), 3U) << i;
+    }
 }
 
 TEST(Truth, CropAndThreadsGiveTheSamePixels) {
