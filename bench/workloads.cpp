@@ -1,34 +1,14 @@
 #include "bench/workloads.hpp"
 
 #include <cmath>
-#include <cstdlib>
 #include <fstream>
 #include <string>
 
 #include "core/error.hpp"
+#include "io/temporary_folder.hpp"
 
 namespace pellucid::bench {
 namespace {
-
-/// A folder that is gone when the scene has been read.
-class ScratchFolder {
-public:
-    ScratchFolder() {
-        std::string name = (std::filesystem::temp_directory_path() / "pellucid_bench_XXXXXX").string();
-        if (mkdtemp(name.data()) == nullptr) throw run_error("{}: cannot make a temporary folder", name);
-        path_ = name;
-    }
-    ~ScratchFolder() {
-        std::error_code ignored;
-        std::filesystem::remove_all(path_, ignored);
-    }
-    ScratchFolder(const ScratchFolder&) = delete;
-    ScratchFolder& operator=(const ScratchFolder&) = delete;
-    [[nodiscard]] std::filesystem::path file(const char* name) const { return path_ / name; }
-
-private:
-    std::filesystem::path path_;
-};
 
 template <typename T>
 void put(std::ofstream& out, const T& value) {
@@ -146,12 +126,12 @@ PreparedScene barth_sextic(int size) {
 }
 
 PreparedScene nested_spheres(int size, double opacity) {
-    const ScratchFolder scratch;
+    const TemporaryFolder scratch;
     TriangleMesh mesh;
     for (int shell = 0; shell < 8; ++shell) add_wavy_sphere(0.3 + 0.1 * shell, 104, mesh);
-    write_ply(scratch.file("spheres.ply"), mesh);
+    write_ply(scratch.path() / "spheres.ply", mesh);
     Scene scene = empty_scene(size, {0, 0, 4});
-    scene.surfaces.push_back(glossy("nested spheres", MeshShape{scratch.file("spheres.ply")}));
+    scene.surfaces.push_back(glossy("nested spheres", MeshShape{scratch.path() / "spheres.ply"}));
     scene.surfaces[0].opacity = opacity;
     return prepare(scene);
 }
@@ -165,11 +145,11 @@ PreparedScene real_head() {
 }
 
 PreparedScene wavy_isosurface() {
-    const ScratchFolder scratch;
-    write_wavy_volume(scratch.file("ball.nrrd"), 128);
+    const TemporaryFolder scratch;
+    write_wavy_volume(scratch.path() / "ball.nrrd", 128);
     Scene scene = empty_scene(kImageSize, {64, 64, 320});
     scene.camera.target = {64, 64, 64};
-    scene.surfaces.push_back(glossy("isosurface", IsosurfaceShape{scratch.file("ball.nrrd"), 0.6}));
+    scene.surfaces.push_back(glossy("isosurface", IsosurfaceShape{scratch.path() / "ball.nrrd", 0.6}));
     return prepare(scene);
 }
 

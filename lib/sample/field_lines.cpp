@@ -1,5 +1,6 @@
 #include "sample/field_lines.hpp"
 
+#include <algorithm>
 #include <cmath>
 #include <utility>
 
@@ -51,7 +52,7 @@ bool cross_field(const LineView& view, const FieldBlock& block, std::uint32_t pi
     if ((f0 >= 0) == (f1 >= 0)) return false;
 
     // The secant's guess; then the cubic t(f) through both ends and this place with its slope, at f = 0.
-    const double t0 = lo + f0 / (f0 - f1) * (hi - lo);
+    const double t0 = std::min(lo + f0 / (f0 - f1) * (hi - lo), hi);
     x[a] = t0;
     const auto [f, slope] = numbers_at<2>(field.slope(block.axis), x);
     const double per_slope = 1 / slope;

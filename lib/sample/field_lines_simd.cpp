@@ -119,7 +119,8 @@ void fields_along(const LineView& view, const FieldBlock& block, const LineWords
         const V hi = hn::Load(d, lanes.hi + i);
         const V across0 = hn::Load(d, lanes.across[0] + i);
         const V across1 = hn::Load(d, lanes.across[1] + i);
-        const V guess = hn::Add(lo, hn::Mul(hn::Div(f0, hn::Sub(f0, f1)), hn::Sub(hi, lo)));
+        const V secant = hn::Add(lo, hn::Mul(hn::Div(f0, hn::Sub(f0, f1)), hn::Sub(hi, lo)));
+        const V guess = hn::Min(secant, hi);  // never an ulp beyond
         const auto put = [&](V value, double* to) { hn::StoreU(packed(value), d, to + n); };
         put(across0, lanes.across[0]);
         put(across1, lanes.across[1]);

@@ -243,11 +243,11 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
         flats_ = std::move(weights.patches);
         flat_parts_ = flats_.size();
         flats_.insert(flats_.end(), weights.parts.begin(), weights.parts.end());
-        add_blocks(Kind::flat_patches, 0, 0, weights.patch_weights);
-        add_blocks(Kind::flat_parts, 0, flat_parts_, weights.part_weights);
+        add_blocks(Kind::flat_patches, 0, 1, 0, weights.patch_weights);
+        add_blocks(Kind::flat_parts, 0, 1, flat_parts_, weights.part_weights);
         for (int axis = 0; axis < 3; ++axis)
-            add_blocks(Kind::cells, axis, 0, weights.cells[static_cast<std::size_t>(axis)]);
-        add_blocks(Kind::lines, 0, 0, weights.lines);
+            add_blocks(Kind::cells, axis, 1, 0, weights.cells[static_cast<std::size_t>(axis)]);
+        add_blocks(Kind::lines, 0, geometry.max_crossings(), 0, weights.lines);
     }
     cells_.shrink_to_fit();
     std::vector<double> sums;
@@ -326,7 +326,7 @@ double LineSampler::add_boxes(const ImplicitPatch& patch, const Box& box, int de
         box_count_ = boxes_before;
     }
     for (std::size_t a = 0; a < 3; ++a)
-        if (weights[a] > 0) blocks_.push_back({Kind::box, static_cast<int>(a), 0, weights[a], {}, lines[a]});
+        if (weights[a] > 0) blocks_.push_back({Kind::box, static_cast<int>(a), lines[a].labels, 0, weights[a], {}, lines[a]});
     ++box_count_;
     return whole;
 }
@@ -436,12 +436,13 @@ double LineSampler::add_cell(std::uint32_t patch, const Body& body, double least
     return body.flat() ? 0 : whole;
 }
 
-void LineSampler::add_blocks(Kind kind, int axis, std::size_t offset, std::span<const double> weights) {
+void LineSampler::add_blocks(Kind kind, int axis, int labels, std::size_t offset,
+                             std::span<const double> weights) {
     for (std::size_t first = 0; first < weights.size(); first += kBlockPieces) {
         const auto block = weights.subspan(first, std::min(kBlockPieces, weights.size() - first));
         double sum = 0;
         for (const double w : block) sum += w;
-        if (sum > 0) blocks_.push_back({kind, axis, offset + first, sum, AliasTable(block), {}});
+        if (sum > 0) blocks_.push_back({kind, axis, labels, offset + first, sum, AliasTable(block), {}});
     }
 }
 
@@ -453,14 +454,14 @@ void LineSampler::add_fields(const FieldCells& cells, Weights& weights) {
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::size_t offset = fields_.size();
         fields_.insert(fields_.end(), weights.fields[axis].begin(), weights.fields[axis].end());
-        add_blocks(Kind::fields, static_cast<int>(axis), offset, weights.field_weights[axis]);
+        add_blocks(Kind::fields, static_cast<int>(axis), 1, offset, weights.field_weights[axis]);
     }
     // The lines of a block have the same K.
     for (std::size_t labels = 1; labels < weights.field_lines.size(); ++labels) {
         const std::size_t offset = field_lines_.size();
         const auto& lines = weights.field_lines[labels];
         field_lines_.insert(field_lines_.end(), lines.begin(), lines.end());
-        add_blocks(Kind::field_lines, static_cast<int>(labels), offset, weights.field_line_weights[labels]);
+        add_blocks(Kind::field_lines, 0, static_cast<int>(labels), offset, weights.field_line_weights[labels]);
     }
 }
 
@@ -613,7 +614,7 @@ FieldBlock LineSampler::field_block(const Block& block) const {
 std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::uint32_t piece,
                                                       const LinePoint& found) const {
     const Vec3 view = vector(found.view);
-    if (is_implicit(block)) {
+    if (gives_object_points(block)) {
         if (clipped_ && !object_->keeps(to_world_.point(vector(found.place)))) return std::nullopt;
         return Point{view, vector(found.normal)};
     }
@@ -703,8 +704,8 @@ std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, cons
         case Kind::field_lines: {
             const FieldLines& lines = field_lines_[block.first + piece];
             Vec3 place;
-            const auto roots = field_roots(lines, block.axis, bits.u(), bits.v(), place);
-            const auto label = static_cast<std::size_t>(chosen_label(bits.choice(), block.axis));
+            const auto roots = field_roots(lines, block.labels, bits.u(), bits.v(), place);
+            const auto label = static_cast<std::size_t>(chosen_label(bits.choice(), block.labels));
             if (label >= roots.size()) return std::nullopt;
             return keep_field_root(block, lines, place, roots[label], bits.chance());
         }
@@ -728,7 +729,7 @@ std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block,
 }
 
 void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const {
-    const bool ready = !clipped_ && is_implicit(block);
+    const bool ready = !clipped_ && gives_object_points(block);
     for (std::size_t i = 0; i < chunk.count; ++i) {
         const auto at = [&](const double(&lanes)[3][kChunkRoom]) {
             return std::array<double, 3>{lanes[0][i], lanes[1][i], lanes[2][i]};
@@ -890,12 +891,7 @@ void LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64
 
 // ---- fast mode
 
-int LineSampler::block_crossings(std::size_t block) const {
-    const Block& b = blocks_[block];
-    if (b.kind == Kind::box) return b.box.labels;
-    if (b.kind == Kind::field_lines) return b.axis;
-    return b.kind == Kind::lines ? object_->geometry->max_crossings() : 1;
-}
+int LineSampler::block_crossings(std::size_t block) const { return blocks_[block].labels; }
 
 void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count,
                                  Deal deal, std::span<std::vector<Point>, kLineGroup> out) const {

@@ -120,7 +120,8 @@ private:
     enum class Kind : std::uint8_t { flat_patches, flat_parts, cells, box, fields, field_lines, lines };
     struct Block {
         Kind kind;
-        int axis;  // of field_lines: K
+        int axis;
+        int labels;  // K
         std::size_t first;  // of its pieces
         double virtual_pixels;
         AliasTable table;
@@ -140,13 +141,13 @@ private:
     void add_fields(const FieldCells& cells, Weights& weights);
     double add_field(const FieldCells& cells, std::uint32_t index, const Box& box, int depth, Weights& weights);
     [[nodiscard]] double field_reach(const FieldCell& cell, const Box& box, std::size_t axis) const;
-    void add_blocks(Kind kind, int axis, std::size_t offset, std::span<const double> weights);
+    void add_blocks(Kind kind, int axis, int labels, std::size_t offset, std::span<const double> weights);
 
     [[nodiscard]] FlatBlock flat_block(const Block& block) const;
     [[nodiscard]] CellBlock cell_block(const Block& block) const;
     [[nodiscard]] FieldBlock field_block(const Block& block) const;
     /// Blocks whose kernels give points of object space, ready but for clip planes.
-    [[nodiscard]] static bool is_implicit(const Block& block) {
+    [[nodiscard]] static bool gives_object_points(const Block& block) {
         return block.kind == Kind::cells || block.kind == Kind::box || block.kind == Kind::fields ||
                block.kind == Kind::field_lines;
     }

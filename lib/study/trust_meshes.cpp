@@ -158,17 +158,6 @@ void write_off(const std::filesystem::path& file, const TriangleMesh& mesh) {
     if (!out) throw run_error("{}: cannot be written", file.string());
 }
 
-TemporaryFolder::TemporaryFolder() {
-    std::string name = (std::filesystem::temp_directory_path() / "pellucid_trust_XXXXXX").string();
-    if (mkdtemp(name.data()) == nullptr) throw run_error("{}: no such folder can be made", name);
-    path_ = name;
-}
-
-TemporaryFolder::~TemporaryFolder() {
-    std::error_code ignored;
-    std::filesystem::remove_all(path_, ignored);
-}
-
 PreparedScene scene_for_lines(std::vector<Surface> surfaces) {
     Scene scene;
     scene.source = "lines";

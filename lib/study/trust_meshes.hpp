@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "io/mesh_file.hpp"
+#include "io/temporary_folder.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -35,19 +36,6 @@ struct NamedMesh {
 
 /// Triangles as ASCII OFF, coordinates as float32 holds them.
 void write_off(const std::filesystem::path& file, const TriangleMesh& mesh);
-
-/// A folder of this process in the system's place for such, gone when the object dies.
-class TemporaryFolder {
-public:
-    TemporaryFolder();
-    ~TemporaryFolder();
-    TemporaryFolder(const TemporaryFolder&) = delete;
-    TemporaryFolder& operator=(const TemporaryFolder&) = delete;
-    [[nodiscard]] const std::filesystem::path& path() const { return path_; }
-
-private:
-    std::filesystem::path path_;
-};
 
 /// Where a surface of size about 1 is put: x ↦ scale·(x + offset).
 struct Placement {
