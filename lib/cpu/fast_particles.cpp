@@ -360,7 +360,7 @@ void shade_queue(const ParticleShading& shading, WinnerQueue& queue, TileFrame& 
     const std::size_t count = std::min<std::size_t>(queue.count, kShadeBlock);
     const twin::Material& m = shading.materials[queue.object];
     for (std::size_t k = 0; k < count; ++k) __builtin_prefetch(&frame.sums[queue.pixel[k]], 1);
-    if (m.texture_width == 0) {
+    if (m.texture_width == 0 && m.painted == 0) {
         shade_block(shading, m, queue.particle.data(), count, color.data());
     } else {
         for (std::size_t i = 0; i < count; ++i) {

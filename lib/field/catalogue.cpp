@@ -179,6 +179,20 @@ Vec3 CatalogueSurface::gradient(const Vec3& x) const {
     return 2.0 * Vec3(inward * x.x, inward * x.y, x.z);
 }
 
+FieldJet CatalogueSurface::jet(const Vec3& x) const {
+    FieldJet jet{value(x), gradient(x), {}};
+    if (!torus_) {
+        jet.hessian = {2 * square_.x, 2 * square_.y, 2 * square_.z, 0, 0, 0};
+        return jet;
+    }
+    // (ρ − R)² has the second derivatives 2δ − 2R(δ/ρ − x_i x_j/ρ³).
+    const double rho = std::hypot(x.x, x.y);
+    const double ring = rho > 0 ? 2 * major_ / rho : 0;
+    const Vec2 out = rho > 0 ? Vec2(x.x, x.y) / rho : Vec2(0.0);
+    jet.hessian = {2 - ring * (1 - out.x * out.x), 2 - ring * (1 - out.y * out.y), 2, ring * out.x * out.y, 0, 0};
+    return jet;
+}
+
 bool CatalogueSurface::excludes(const Box& box) const {
     if (!torus_) {
         Vec2 range(constant_);

@@ -11,6 +11,7 @@
 
 #include "core/vec.hpp"
 #include "field/expression.hpp"
+#include "field/scalar_field.hpp"
 
 namespace pellucid {
 
@@ -57,7 +58,7 @@ struct CatalogueFormula {
 
 /// f(x) = 0 with f = Σ q_i x_i² + l·x + c (a quadric in principal axes), or the torus
 /// (|(x, y)| − major)² + z² = minor².
-class CatalogueSurface {
+class CatalogueSurface final : public ScalarField {
 public:
     /// Throws Error(input) where the name or a parameter is not in the catalogue or not in its range. Precondition: the
     /// entry of that name is no formula.
@@ -77,10 +78,11 @@ public:
     [[nodiscard]] double minor() const { return minor_; }
     /// Most crossings of one line: 1, 2 or 4.
     [[nodiscard]] int max_crossings() const;
-    [[nodiscard]] double value(const Vec3& x) const;
-    [[nodiscard]] Vec3 gradient(const Vec3& x) const;
+    [[nodiscard]] double value(const Vec3& x) const override;
+    [[nodiscard]] Vec3 gradient(const Vec3& x) const override;
+    [[nodiscard]] FieldJet jet(const Vec3& x) const override;
     /// True where f has no zero in the box; exact for single boxes, so subdivision converges.
-    [[nodiscard]] bool excludes(const Box& box) const;
+    [[nodiscard]] bool excludes(const Box& box) const override;
     /// All t in [t_lo, t_hi] with f(origin + t·direction) = 0 and a change of sign, ascending.
     /// Returns how many, at most max_crossings().
     int crossings(const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,

@@ -294,7 +294,7 @@ struct FieldCells::Builder {
         std::vector<FieldCell> done;
         double done_faces = 0;
         // Nothing is known of its noise.
-        Found root{{{0, 0, 0}, {kPlanes, kPlanes, kPlanes}, false, {}, {}}, kInfinity, false};
+        Found root{{{}, {0, 0, 0}, {kPlanes, kPlanes, kPlanes}}, kInfinity, false};
         std::vector<Found> pending;
         if (look(root)) pending.push_back(root);
         while (!pending.empty()) {

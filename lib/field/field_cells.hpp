@@ -16,32 +16,17 @@
 #include <span>
 #include <vector>
 
-#include "core/interval.hpp"
 #include "field/expression.hpp"
-#include "field/isolation_stats.hpp"
 #include "field/root_isolation.hpp"
+#include "field/surface_cells.hpp"
 
 namespace pellucid {
 
-struct FieldCell {
+/// `tight` is in the octree's cell; outside of it, in the cell, f keeps its sign, so what is monotone there has one root
+/// at most on all of a line's way through the cell.
+struct FieldCell : SurfaceCell {
     std::array<std::uint32_t, 3> base{};    // of 2^FieldCells::kDepth along each axis
     std::array<std::uint32_t, 3> extent{};  // powers of two: long sides of the bounds are halved more often
-    bool continuous = false;              // f is, all over the cell; otherwise gradients say nothing
-    /// All over `tight`. Outside of it, in the cell, f keeps its sign, so what is monotone there has one root at most on
-    /// all of a line's way through the cell.
-    std::array<Interval, 3> gradient;
-    Box tight;  // within the cell; all of the surface that is in the cell is in it
-
-    /// Whether f is strictly monotone along an axis.
-    [[nodiscard]] bool monotone(std::size_t axis) const {
-        return continuous && !gradient[axis].has_zero() && !gradient[axis].empty();
-    }
-};
-
-/// A root on a line. The gradient there, or where it vanishes beside it: its direction is the normal's.
-struct FieldRoot {
-    double t;
-    Vec3 gradient;
 };
 
 struct FieldCellLimits {
@@ -49,7 +34,7 @@ struct FieldCellLimits {
     std::size_t most = 1 << 18;    // … and none when there are so many
 };
 
-class FieldCells {
+class FieldCells final : public SurfaceCells {
 public:
     static constexpr int kDepth = 30;
     static constexpr std::uint32_t kPlanes = 1U << kDepth;
@@ -66,7 +51,7 @@ public:
     [[nodiscard]] Box box(const FieldCell& cell) const;
 
     /// True where f surely has no root in a box.
-    [[nodiscard]] bool excludes(const Box& box) const;
+    [[nodiscard]] bool excludes(const Box& box) const override;
 
     /// Roots in one cell with t in [t_lo, t_hi], ascending. Of the cells along a line each root is in one: a cell has
     /// those at which the sign changes between the places where the line enters and leaves it.
@@ -76,9 +61,16 @@ public:
     /// Most roots of a line along an axis through a cell, from degree and intervals; where these say nothing (or
     /// more) kMostRoots.
     [[nodiscard]] int most_roots(const FieldCell& cell, int axis) const;
-    static constexpr int kMostRoots = 8;
 
-    [[nodiscard]] std::size_t bytes() const { return cells_.capacity() * sizeof(FieldCell); }
+    [[nodiscard]] std::size_t count() const override { return cells_.size(); }
+    [[nodiscard]] SurfaceCell cell(std::size_t index) const override { return cells_[index]; }
+    void cross(std::size_t index, const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,
+               std::vector<FieldRoot>& roots, IsolationStats& stats) const override {
+        cross(cells_[index], origin, direction, t_lo, t_hi, roots, stats);
+    }
+    [[nodiscard]] int most_roots(std::size_t index, int axis) const override { return most_roots(cells_[index], axis); }
+    [[nodiscard]] const Expression* formula() const override { return &field_; }
+    [[nodiscard]] std::size_t bytes() const override { return cells_.capacity() * sizeof(FieldCell); }
 
 private:
     struct Builder;

@@ -2,6 +2,7 @@
 // pixel, STEP 3 adds. Only + − × and comparisons: every backend gives the same bits.
 #ifndef PELLUCID_KERNEL_PARTICLE_TWIN_H
 #define PELLUCID_KERNEL_PARTICLE_TWIN_H
+#include "kernel/paint_twin.h"
 #include "kernel/projection_twin.h"
 #include "kernel/shading_twin.h"
 TWIN_BEGIN
@@ -16,6 +17,7 @@ struct Material {
     float specular;
     float shininess;
     int flat_colored;    // 1: the colour as it is
+    int painted;         // 1: particles carry their colour, shaded, as a share of red, green, blue; flat_colored is 1
     // An image in place of the colour: its first texel and size; width 0: none. A point's place on it is
     // (a, b) = ((q − center)·along_u, (q − center)·along_v), each in [-1, 1], in the particles' units.
     int first_texel;
@@ -82,6 +84,15 @@ TWIN_FN ColorUnits color_units(Material m, LightSums sums, float red, float gree
         channel_units(lit ? shaded_channel(green, sums, m.ambient, m.diffuse, m.specular) : green, units);
     c.blue = channel_units(lit ? shaded_channel(blue, sums, m.ambient, m.diffuse, m.specular) : blue, units);
     return c;
+}
+
+// Colour of a painted particle.
+TWIN_FN Vec3f paint_color(Material m, Particle q) {
+    Vec3f color = unpack_paint(q.normal);
+    color.x = color.x * m.red;
+    color.y = color.y * m.green;
+    color.z = color.z * m.blue;
+    return color;
 }
 
 // Bilinear between texel centres, clamped at the border; columns run along u, the top row is at +v.

@@ -12,7 +12,7 @@ struct Particle {
     float x;
     float y;
     float above_near;  // distance along the view axis beyond the near plane, >= 0
-    uint normal;       // shading normal, octahedral 2 x 16 bits: normal_twin.h
+    uint normal;       // shading normal, octahedral 2 x 16 bits: normal_twin.h; or its colour: paint_twin.h
 };
 
 // Image column = floor((focal·x + center_x·w)/w), row alike, in fixed point. The divisor w is

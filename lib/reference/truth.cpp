@@ -12,7 +12,7 @@
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
 #include "reference/ray_scene.hpp"
-#include "sample/line_sampler.hpp"
+#include "sample/particle_source.hpp"
 #include "scene/shading.hpp"
 
 namespace pellucid {

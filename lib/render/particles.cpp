@@ -26,7 +26,7 @@ namespace {
         s.first_repeat = range.first;
         s.repeats = range.end - range.first;
     }
-    (void)input.settings.one_of("sampler", "lines", {"lines"});
+    s.kind = input.settings.choice<SamplerKind>("sampler", SamplerKind::lines, {{"lines", SamplerKind::lines}});
     s.sampler.trials = input.settings.choice<TrialLaw>(
         "count", TrialLaw::poisson, {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
     s.sampler.lines = input.settings.choice<LineMode>("lines", LineMode::exact,
@@ -42,16 +42,16 @@ namespace {
 }
 
 /// Mean particles in one repeat, from the share of a few thousand trials that yield one.
-[[nodiscard]] double expected_particles(const std::vector<LineSampler>& samplers,
+[[nodiscard]] double expected_particles(const SourceRefs& sources,
                                         const SamplerSettings& settings) {
     constexpr std::uint64_t kProbes = 4096;
     double sum = 0;
-    for (const LineSampler& sampler : samplers) {
-        if (!(sampler.virtual_pixels() > 0)) continue;
+    for (const ParticleSource* source : sources.all()) {
+        if (!(source->virtual_pixels() > 0) || !source->has_single_trials()) continue;
         std::uint64_t kept = 0;
-        for (std::uint64_t i = 0; i < kProbes; ++i) kept += sampler.trial({0}, ~0U, i) ? 1U : 0U;
+        for (std::uint64_t i = 0; i < kProbes; ++i) kept += source->trial({0}, ~0U, i) ? 1U : 0U;
         sum +=
-            mean_trials(sampler, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
+            mean_trials(*source, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
     }
     return sum;
 }
@@ -94,20 +94,20 @@ namespace {
 
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
-    const std::vector<LineSampler> samplers = make_samplers(input.scene);
+    const Sources sources = make_sources(input.scene, settings.kind);
     std::size_t pieces = 0;
     std::size_t sampler_bytes = 0;
     double trials = 0;
-    for (const LineSampler& sampler : samplers) {
-        pieces += sampler.piece_count();
-        sampler_bytes += sampler.bytes();
-        trials += mean_trials(sampler, settings.sampler.trials);
+    for (const auto& source : sources) {
+        pieces += source->piece_count();
+        sampler_bytes += source->bytes();
+        trials += mean_trials(*source, settings.sampler.trials);
     }
-    const double particles = expected_particles(samplers, settings.sampler);
+    const double particles = expected_particles(sources, settings.sampler);
     const std::uint32_t batch = batch_size(settings, particles);
     return {
         {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()),
-         fmt::format("{} objects", samplers.size())},
+         fmt::format("{} objects", sources.size())},
         {"cut into pieces", 0, static_cast<std::int64_t>(sampler_bytes), fmt::format("{} pieces", pieces)},
         {"sample particles", 0, static_cast<std::int64_t>(particles * batch * sizeof(Particle)),
          fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time",
@@ -134,10 +134,10 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
                           scene.settings.source, brightest_color(scene), kMostParticleColor);
     Stopwatch watch;
-    const std::vector<LineSampler> samplers = make_samplers(scene);
-    const std::uint32_t batch = batch_size(settings, expected_particles(samplers, settings.sampler));
+    const Sources sources = make_sources(scene, settings.kind);
+    const std::uint32_t batch = batch_size(settings, expected_particles(sources, settings.sampler));
     Stage cutting{"cut into pieces", watch.lap(), 0, ""};
-    for (const LineSampler& sampler : samplers) cutting.bytes += static_cast<std::int64_t>(sampler.bytes());
+    for (const auto& source : sources) cutting.bytes += static_cast<std::int64_t>(source->bytes());
     Stage sampling{"sample particles", 0, 0, ""};
     Stage drawing{"project and average", 0, 0, ""};
 
@@ -151,7 +151,7 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     while (done < settings.repeats) {
         const std::uint32_t count = std::min(batch, goal - done);
         const ParticleSet set =
-            sample_particles(scene, samplers, settings.sampler, settings.first_repeat + done, count);
+            sample_particles(scene, sources, settings.sampler, settings.first_repeat + done, count);
         sampling.wall_s += watch.lap();
         sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
         drawer->draw(set, sums);
@@ -169,7 +169,7 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
-    for (const LineSampler& sampler : samplers) stats.isolation += sampler.isolation();
+    for (const auto& source : sources) stats.isolation += source->isolation();
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
     for (const StageTime& time : drawer->device_times())

@@ -33,8 +33,34 @@ FieldStep refine_slowly(const Expression& field, std::size_t axis, Triple x, dou
     return found;
 }
 
+namespace {
+
+/// The crossing in one of SurfaceCells.
+[[nodiscard]] bool cross_cell_of_field(const LineView& view, const FieldBlock& block, std::uint32_t piece, double u,
+                                       double v, double chance, LinePoint& out) {
+    const auto a = static_cast<std::size_t>(block.axis);
+    const std::size_t b = (a + 1) % 3;
+    const std::size_t c = (a + 2) % 3;
+    const FieldPiece& p = block.pieces[piece];
+    Triple x{};
+    x[b] = p.lo[b] + u * (p.hi[b] - p.lo[b]);
+    x[c] = p.lo[c] + v * (p.hi[c] - p.lo[c]);
+    double root = 0;
+    Triple gradient{};
+    block.cells->cross_along({a, 1, block.cell + piece, {&x[0], &x[1], &x[2]}, &p.lo[a], &p.hi[a]},
+                             {&root, {&gradient[0], &gradient[1], &gradient[2]}});
+    if (std::isnan(root)) return false;
+    x[a] = root;
+    Triple reach{};
+    reach[a] = p.reach;
+    return keep_crossing(view, x, gradient, reach, p.bound, chance, out);
+}
+
+}  // namespace
+
 bool cross_field(const LineView& view, const FieldBlock& block, std::uint32_t piece, double u, double v,
                  double chance, LinePoint& out) {
+    if (block.programs == nullptr) return cross_cell_of_field(view, block, piece, u, v, chance, out);
     const auto a = static_cast<std::size_t>(block.axis);
     const std::size_t b = (a + 1) % 3;
     const std::size_t c = (a + 2) % 3;

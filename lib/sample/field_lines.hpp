@@ -1,4 +1,4 @@
-// Random lines along the edges of a formula's cells: one trial at a time and over SIMD lanes.
+// Random lines along the edges of cells of formulas, volumes and points: one trial at a time and over SIMD lanes.
 //
 // In a cell where ∂f/∂a keeps its sign, lines along axis a alone give every part of the surface its chance: they
 // cross the area element dA with probability |n·e_a| dA/volume (edge_lines.hpp), and with R_a the largest
@@ -13,6 +13,7 @@
 
 #include "field/expression.hpp"
 #include "field/point_evaluator.hpp"
+#include "field/surface_cells.hpp"
 #include "sample/edge_lines.hpp"
 
 namespace pellucid {
@@ -41,7 +42,9 @@ struct FieldPrograms {
 
 struct FieldBlock {
     const FieldPiece* pieces = nullptr;
-    const FieldPrograms* programs = nullptr;
+    const FieldPrograms* programs = nullptr;  // of a formula; else the two that follow
+    const SurfaceCells* cells = nullptr;
+    const std::uint32_t* cell = nullptr;  // one a piece
     int axis = 0;
 };
 

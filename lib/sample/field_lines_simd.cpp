@@ -21,6 +21,7 @@ struct alignas(64) FieldLanes {
     double value[kChunkRoom];
     double gradient[3][kChunkRoom];
     std::uint64_t piece[kChunkRoom], line[kChunkRoom];
+    std::uint32_t cell[kChunkRoom];
     std::uint64_t far[kChunkRoom];  // lanes whose last step was too large
     double far_across[2][kChunkRoom], far_guess[kChunkRoom], far_value[kChunkRoom], far_gradient[3][kChunkRoom];
 };
@@ -76,33 +77,87 @@ std::size_t step_again(const FieldBlock& block, FieldLanes& lanes, std::size_t f
     return left;
 }
 
+[[nodiscard]] HWY_INLINE V of_piece(const FieldBlock& block, VU piece, int word) {
+    static_assert(sizeof(FieldPiece) == 8 * sizeof(double));
+    return hn::GatherIndex(d, reinterpret_cast<const double*>(block.pieces) + word,
+                           hn::BitCast(di, hn::ShiftLeft<3>(piece)));
+}
+
+/// Where the lines run.
+template <int a>
+void place_lines(const FieldBlock& block, const LineWords& words, std::uint32_t count, FieldLanes& lanes) {
+    for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+        const VU piece = hn::Load(du, words.piece + i);
+        const auto across = [&](int axis, const double* share) {
+            const V lo = of_piece(block, piece, axis);
+            return hn::Add(lo, hn::Mul(hn::Load(d, share + i), hn::Sub(of_piece(block, piece, 3 + axis), lo)));
+        };
+        hn::Store(across((a + 1) % 3, words.u), d, lanes.across[0] + i);
+        hn::Store(across((a + 2) % 3, words.v), d, lanes.across[1] + i);
+        hn::Store(of_piece(block, piece, a), d, lanes.lo + i);
+        hn::Store(of_piece(block, piece, 3 + a), d, lanes.hi + i);
+    }
+}
+
+/// Of the roots lanes.guess of n lines, those that are kept.
+template <int a>
+void keep_roots(const LineView& view, const FieldBlock& block, std::size_t n, const FieldLanes& lanes, PointChunk& out) {
+    const V zero = hn::Zero(d);
+    for (std::size_t i = 0; i < n; i += hn::Lanes(d)) {
+        const VU piece = hn::Load(du, lanes.piece + i);
+        const V3 x = turned<a>(hn::Load(d, lanes.guess + i), hn::Load(d, lanes.across[0] + i),
+                               hn::Load(d, lanes.across[1] + i));
+        const V3 g{hn::Load(d, lanes.gradient[0] + i), hn::Load(d, lanes.gradient[1] + i),
+                   hn::Load(d, lanes.gradient[2] + i)};
+        // Lanes beyond the last one hold what an earlier chunk left: gathers must not follow it.
+        const Mask alive = hn::FirstN(d, n - i);
+        const VU safe = hn::IfThenElseZero(hn::RebindMask(du, alive), piece);
+        const V3 reach = turned<a>(of_piece(block, safe, 6), zero, zero);
+        keep(view, x, g, reach, of_piece(block, safe, 7), hn::Load(d, lanes.chance + i), alive, piece,
+             hn::Load(du, lanes.line + i), out);
+    }
+}
+
+/// Lines through SurfaceCells.
+template <int a>
+void cells_along(const LineView& view, const FieldBlock& block, const LineWords& words, std::uint32_t count,
+                 FieldLanes& lanes, PointChunk& out) {
+    place_lines<a>(block, words, count, lanes);
+    for (std::size_t i = 0; i < count; ++i) lanes.cell[i] = block.cell[words.piece[i]];
+    AxisLines lines{a, count, lanes.cell, {}, lanes.lo, lanes.hi};
+    lines.at[(a + 1) % 3] = lanes.across[0];
+    lines.at[(a + 2) % 3] = lanes.across[1];
+    block.cells->cross_along(lines, {lanes.guess, {lanes.gradient[0], lanes.gradient[1], lanes.gradient[2]}});
+    std::size_t n = 0;
+    for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {
+        const V root = hn::Load(d, lanes.guess + i);
+        const Packer packed(hn::And(hn::FirstN(d, count - i), hn::Eq(root, root)));
+        const auto put = [&](double* values) {
+            const V value = hn::Load(d, values + i);
+            hn::StoreU(packed(value), d, values + n);
+        };
+        put(lanes.guess);
+        put(lanes.across[0]);
+        put(lanes.across[1]);
+        for (auto& part : lanes.gradient) put(part);
+        hn::StoreU(packed(hn::Load(d, words.chance + i)), d, lanes.chance + n);
+        hn::StoreU(packed(hn::Load(du, words.piece + i)), du, lanes.piece + n);
+        hn::StoreU(packed(hn::Iota(du, i)), du, lanes.line + n);
+        n += packed.count;
+    }
+    keep_roots<a>(view, block, n, lanes, out);
+}
+
 template <int a>
 void fields_along(const LineView& view, const FieldBlock& block, const LineWords& words, std::uint32_t count,
                   FieldLanes& lanes, PointChunk& out) {
     constexpr int b = (a + 1) % 3;
     constexpr int c = (a + 2) % 3;
-    constexpr int kWords = sizeof(FieldPiece) / sizeof(double);
     const auto all = [](double value) { return hn::Set(d, value); };
     const V zero = hn::Zero(d);
-    const auto* records = reinterpret_cast<const double*>(block.pieces);
-    const auto of_piece = [&](VU piece, int word) {
-        static_assert(kWords == 8);
-        return hn::GatherIndex(d, records + word, hn::BitCast(di, hn::ShiftLeft<3>(piece)));
-    };
     const std::size_t step = hn::Lanes(d);
 
-    // Where the lines run, and f at both ends.
-    for (std::size_t i = 0; i < count; i += step) {
-        const VU piece = hn::Load(du, words.piece + i);
-        const auto across = [&](int axis, const double* share) {
-            const V lo = of_piece(piece, axis);
-            return hn::Add(lo, hn::Mul(hn::Load(d, share + i), hn::Sub(of_piece(piece, 3 + axis), lo)));
-        };
-        hn::Store(across(b, words.u), d, lanes.across[0] + i);
-        hn::Store(across(c, words.v), d, lanes.across[1] + i);
-        hn::Store(of_piece(piece, a), d, lanes.lo + i);
-        hn::Store(of_piece(piece, 3 + a), d, lanes.hi + i);
-    }
+    place_lines<a>(block, words, count, lanes);
     double* const at_lo[] = {lanes.f_lo};
     double* const at_hi[] = {lanes.f_hi};
     evaluate_lanes(block.programs->value, a, count, lanes, lanes.lo, at_lo);
@@ -186,23 +241,16 @@ void fields_along(const LineView& view, const FieldBlock& block, const LineWords
         for (std::size_t axis = 0; axis < 3; ++axis) lanes.gradient[axis][lane] = slow.gradient[axis];
     }
 
-    for (std::size_t i = 0; i < n; i += step) {
-        const VU piece = hn::Load(du, lanes.piece + i);
-        const V3 x = turned<a>(hn::Load(d, lanes.guess + i), hn::Load(d, lanes.across[0] + i),
-                               hn::Load(d, lanes.across[1] + i));
-        const V3 g{hn::Load(d, lanes.gradient[0] + i), hn::Load(d, lanes.gradient[1] + i),
-                   hn::Load(d, lanes.gradient[2] + i)};
-        // Lanes beyond the last one hold what an earlier chunk left: gathers must not follow it.
-        const Mask alive = hn::FirstN(d, n - i);
-        const VU safe = hn::IfThenElseZero(hn::RebindMask(du, alive), piece);
-        const V3 reach = turned<a>(of_piece(safe, 6), zero, zero);
-        keep(view, x, g, reach, of_piece(safe, 7), hn::Load(d, lanes.chance + i), alive, piece,
-             hn::Load(du, lanes.line + i), out);
-    }
+    keep_roots<a>(view, block, n, lanes, out);
 }
 
 void fields(const LineView& view, const FieldBlock& block, const LineWords& words, std::uint32_t count,
             FieldLanes& lanes, PointChunk& out) {
+    if (block.programs == nullptr) {
+        if (block.axis == 0) return cells_along<0>(view, block, words, count, lanes, out);
+        if (block.axis == 1) return cells_along<1>(view, block, words, count, lanes, out);
+        return cells_along<2>(view, block, words, count, lanes, out);
+    }
     if (block.axis == 0) return fields_along<0>(view, block, words, count, lanes, out);
     if (block.axis == 1) return fields_along<1>(view, block, words, count, lanes, out);
     fields_along<2>(view, block, words, count, lanes, out);

@@ -4,6 +4,8 @@
 #include <cassert>
 #include <cmath>
 
+#include "core/error.hpp"
+
 namespace pellucid {
 namespace {
 
@@ -187,6 +189,12 @@ struct LineSampler::Doubts {
     }
 };
 
+std::string LineSampler::label() const { return fmt::format("surface \"{}\"", object_->surface.name); }
+
+double LineSampler::optical_depth() const {
+    return -std::log1p(-std::min(object_->surface.opacity, kMostParticleOpacity));
+}
+
 IsolationStats LineSampler::isolation() const {
     return {doubts_->undecided, doubts_->touching, doubts_->poles, doubts_->exact};
 }
@@ -198,9 +206,10 @@ struct LineSampler::Weights {
     std::array<std::vector<double>, 3> cells;  // along each axis
     std::vector<double> lines;
     std::array<std::vector<FieldPiece>, 3> fields;  // along each axis
+    std::array<std::vector<std::uint32_t>, 3> field_cell;
     std::array<std::vector<double>, 3> field_weights;
-    std::array<std::vector<FieldLines>, FieldCells::kMostRoots + 1> field_lines;  // by their K
-    std::array<std::vector<double>, FieldCells::kMostRoots + 1> field_line_weights;
+    std::array<std::vector<FieldLines>, SurfaceCells::kMostRoots + 1> field_lines;  // by their K
+    std::array<std::vector<double>, SurfaceCells::kMostRoots + 1> field_line_weights;
 };
 
 LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id)
@@ -447,13 +456,16 @@ void LineSampler::add_blocks(Kind kind, int axis, int labels, std::size_t offset
 }
 
 /// Adds what can be seen of a formula's cells.
-void LineSampler::add_fields(const FieldCells& cells, Weights& weights) {
-    programs_ = std::make_shared<FieldPrograms>(cells.field());
-    for (std::size_t i = 0; i < cells.cells().size(); ++i)
-        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cells.cells()[i].tight, 0, weights);
+void LineSampler::add_fields(const SurfaceCells& cells, Weights& weights) {
+    if (cells.formula() != nullptr) programs_ = std::make_shared<FieldPrograms>(*cells.formula());
+    for (std::size_t i = 0; i < cells.count(); ++i) {
+        const SurfaceCell cell = cells.cell(i);
+        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cell, cell.tight, 0, weights);
+    }
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::size_t offset = fields_.size();
         fields_.insert(fields_.end(), weights.fields[axis].begin(), weights.fields[axis].end());
+        fields_cell_.insert(fields_cell_.end(), weights.field_cell[axis].begin(), weights.field_cell[axis].end());
         add_blocks(Kind::fields, static_cast<int>(axis), 1, offset, weights.field_weights[axis]);
     }
     // The lines of a block have the same K.
@@ -467,7 +479,7 @@ void LineSampler::add_fields(const FieldCells& cells, Weights& weights) {
 
 /// The largest that |g·ρ|/|g_a| (constant law) or |N|/|g_a| (oblique) can be in a box of a cell in which f is
 /// monotone along a: both are functions of g_b/g_a alone. Infinite where intervals know no bound.
-double LineSampler::field_reach(const FieldCell& cell, const Box& box, std::size_t a) const {
+double LineSampler::field_reach(const SurfaceCell& cell, const Box& box, std::size_t a) const {
     const std::size_t b = (a + 1) % 3;
     const std::size_t c = (a + 2) % 3;
     const Interval ratio[2] = {cell.gradient[b] / cell.gradient[a], cell.gradient[c] / cell.gradient[a]};
@@ -497,14 +509,13 @@ double LineSampler::field_reach(const FieldCell& cell, const Box& box, std::size
 }
 
 /// Adds the surface in one box of a cell, whole or in parts; returns its virtual pixels.
-double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, const Box& box, int depth,
-                              Weights& weights) {
+double LineSampler::add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell,
+                              const Box& box, int depth, Weights& weights) {
     std::array<Vec3, 8> corners;
     const int count = body_of(box, to_world_).vertices(corners);
     const auto area = camera_->pixel_area_range(corners.data(), count);
     if (!area || (depth > 0 && cells.excludes(box))) return 0;
     const double nearest = least_depth(*camera_, corners.data(), count);
-    const FieldCell& cell = cells.cells()[index];
 
     // Along the one axis that gives least, else along all.
     int best = -1;
@@ -537,7 +548,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
         whole = 0;
         for (int axis = 0; axis < 3; ++axis) {
             const auto a = static_cast<std::size_t>(axis);
-            labels[a] = static_cast<std::size_t>(cells.most_roots(cell, axis));
+            labels[a] = static_cast<std::size_t>(cells.most_roots(index, axis));
             along[a] = static_cast<double>(labels[a]) * edge_weight(to_world_, box, axis, reach[a], nearest, area->least);
             whole += along[a];
         }
@@ -547,7 +558,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
     const bool cut_by_view = whole > kMostPixelsOutside && !camera_->wholly_in_view(corners.data(), count);
     if (depth < kMostCuts && (cut_by_view || (area->most > kMostAreaRatio * area->least && whole > 1))) {
         std::array<std::size_t, 3> before{};
-        std::array<std::size_t, FieldCells::kMostRoots + 1> lines_before{};
+        std::array<std::size_t, SurfaceCells::kMostRoots + 1> lines_before{};
         for (std::size_t a = 0; a < before.size(); ++a) before[a] = weights.fields[a].size();
         for (std::size_t k = 0; k < lines_before.size(); ++k) lines_before[k] = weights.field_lines[k].size();
         const std::size_t cells_before = field_cells_;
@@ -555,10 +566,11 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
         const int part_count = cut(box, parts);
         double sum = 0;
         for (int i = 0; i < part_count; ++i)
-            sum += add_field(cells, index, parts[static_cast<std::size_t>(i)], depth + 1, weights);
+            sum += add_field(cells, index, cell, parts[static_cast<std::size_t>(i)], depth + 1, weights);
         if (sum < whole) return sum;
         for (std::size_t a = 0; a < 3; ++a) {
             weights.fields[a].resize(before[a]);
+            weights.field_cell[a].resize(before[a]);
             weights.field_weights[a].resize(before[a]);
         }
         field_cells_ = cells_before;
@@ -570,6 +582,7 @@ double LineSampler::add_field(const FieldCells& cells, std::uint32_t index, cons
     FieldPiece piece{triple(box.lo), triple(box.hi), best_reach, edge_bound(nearest, area->least)};
     if (best >= 0) {
         weights.fields[static_cast<std::size_t>(best)].push_back(piece);
+        weights.field_cell[static_cast<std::size_t>(best)].push_back(index);
         weights.field_weights[static_cast<std::size_t>(best)].push_back(whole);
         return whole;
     }
@@ -607,7 +620,9 @@ CellBlock LineSampler::cell_block(const Block& block) const {
 }
 
 FieldBlock LineSampler::field_block(const Block& block) const {
-    return {fields_.data() + block.first, programs_.get(), block.axis};
+    if (programs_) return {fields_.data() + block.first, programs_.get(), nullptr, nullptr, block.axis};
+    return {fields_.data() + block.first, nullptr, object_->geometry->field()->cells, fields_cell_.data() + block.first,
+            block.axis};
 }
 
 /// The point that a kernel has kept, unless it is clipped away.
@@ -649,7 +664,7 @@ std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, int
                                                     Vec3& place) const {
     thread_local std::vector<FieldRoot> roots;
     roots.clear();
-    const FieldCells& cells = *object_->geometry->field()->cells;
+    const SurfaceCells& cells = *object_->geometry->field()->cells;
     const int a = lines.axis;
     const Vec3 lo = vector(lines.piece.lo);
     const Vec3 hi = vector(lines.piece.hi);
@@ -661,7 +676,7 @@ std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, int
     Vec3 along(0.0);
     along[a] = 1;
     IsolationStats stats;
-    cells.cross(cells.cells()[lines.cell], place, along, lo[a], hi[a], roots, stats);
+    cells.cross(lines.cell, place, along, lo[a], hi[a], roots, stats);
     const auto most = static_cast<std::size_t>(labels);
     if (roots.size() > most) {
         stats.undecided += roots.size() - most;
@@ -957,7 +972,7 @@ std::size_t LineSampler::bytes() const {
                       own_positions_.capacity() * sizeof(Vec3) +
                       own_triangles_.capacity() * sizeof(own_triangles_[0]) +
                       own_patches_.capacity() * sizeof(std::uint32_t) +
-                      fields_.capacity() * sizeof(FieldPiece) + field_lines_.capacity() * sizeof(FieldLines) +
+                      fields_.capacity() * (sizeof(FieldPiece) + sizeof(std::uint32_t)) + field_lines_.capacity() * sizeof(FieldLines) +
                       blocks_.capacity() * sizeof(Block) +
                       block_table_.bytes();
     for (const Block& block : blocks_) sum += block.table.bytes();

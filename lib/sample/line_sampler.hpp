@@ -34,22 +34,17 @@
 #include <vector>
 
 #include "core/random.hpp"
-#include "field/field_cells.hpp"
+#include "field/surface_cells.hpp"
 #include "sample/alias_table.hpp"
 #include "sample/edge_lines.hpp"
 #include "sample/field_lines.hpp"
 #include "sample/particle_set.hpp"
+#include "sample/particle_source.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
 
-/// Opacities are taken as at most this: at 1 the number of particles is infinite.
-inline constexpr double kMostParticleOpacity = 1 - 0x1p-20;
-
-/// Repeats that share lines in fast mode: repeat/16 is the group.
-inline constexpr std::uint32_t kLineGroup = 16;
-
-class LineSampler {
+class LineSampler final : public ParticleSource {
     struct Doubts;
 
 public:
@@ -59,23 +54,21 @@ public:
     LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id);
 
     /// V above; 0 where nothing can be seen.
-    [[nodiscard]] double virtual_pixels() const { return virtual_pixels_; }
-    [[nodiscard]] std::size_t piece_count() const {
+    [[nodiscard]] double virtual_pixels() const override { return virtual_pixels_; }
+    [[nodiscard]] std::size_t piece_count() const override {
         return flats_.size() + cells_.size() + box_count_ + pieces_.size() + fields_.size() + field_cells_;
     }
-    [[nodiscard]] std::size_t bytes() const;
+    [[nodiscard]] std::size_t bytes() const override;
     [[nodiscard]] const Object& object() const { return *object_; }
-    [[nodiscard]] std::uint32_t object_id() const { return object_id_; }
+    [[nodiscard]] std::uint32_t object_id() const override { return object_id_; }
+    [[nodiscard]] std::string label() const override;
+    [[nodiscard]] double optical_depth() const override;
 
     /// What fields could not decide so far; crossings beyond K count as undecided.
-    [[nodiscard]] IsolationStats isolation() const;
+    [[nodiscard]] IsolationStats isolation() const override;
 
-    struct Point {
-        Vec3 view;         // view space
-        Vec3 view_normal;  // for shading, view space
-    };
     /// One trial: a point in view, or none.
-    [[nodiscard]] std::optional<Point> trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const;
+    [[nodiscard]] std::optional<Point> trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const override;
     /// All crossings of a random line at once, as no sampler should: dependent particles in one repeat.
     /// Kept as the wrong twin of `trial` that the tests must reject: `line_pixels` takes the place of V. For
     /// surfaces of one patch that is not flat.
@@ -83,25 +76,20 @@ public:
                            std::vector<Point>& out) const;
     [[nodiscard]] double line_pixels() const;
 
-    /// Pieces come in blocks of neighbours, which fit into a near cache together: trials taken block by
-    /// block (a Poisson number in each) are many times as fast as trials all over the surface.
-    [[nodiscard]] std::size_t block_count() const { return blocks_.size(); }
-    [[nodiscard]] double block_virtual_pixels(std::size_t block) const {
+    /// Trials taken block by block (a Poisson number in each) are many times as fast as trials all over the surface.
+    [[nodiscard]] std::size_t block_count() const override { return blocks_.size(); }
+    [[nodiscard]] double block_virtual_pixels(std::size_t block) const override {
         return blocks_[block].virtual_pixels;
     }
     [[nodiscard]] std::optional<Point> trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
                                                       std::uint32_t index) const;
-    /// Appends the points of trials first … first + count − 1 of `trial_in_block`, in their order and equal
-    /// to the last bit: SIMD.
+    /// Equal to `trial_in_block` to the last bit: SIMD.
     void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
-                         std::uint32_t count, std::vector<Point>& out) const;
+                         std::uint32_t count, std::vector<Point>& out) const override;
 
-    /// Fast mode: K of the block's lines. Where it is 1 there is nothing to deal, and fast is exact mode.
-    [[nodiscard]] int block_crossings(std::size_t block) const;
-    enum class Deal { apart, together };  // together: the wrong twin, for tests
-    /// Lines 0 … count − 1 of a group; crossings are appended to the repeats they are dealt to.
+    [[nodiscard]] int block_crossings(std::size_t block) const override;
     void lines_in_block(std::size_t block, Seed seed, std::uint32_t group, std::uint32_t count, Deal deal,
-                        std::span<std::vector<Point>, kLineGroup> out) const;
+                        std::span<std::vector<Point>, kLineGroup> out) const override;
 
 private:
     /// A piece for uniform random lines.
@@ -138,9 +126,9 @@ private:
     double add_pieces(std::uint32_t patch, const Body& body, int depth, Weights& weights);
     double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
                     Weights& weights);
-    void add_fields(const FieldCells& cells, Weights& weights);
-    double add_field(const FieldCells& cells, std::uint32_t index, const Box& box, int depth, Weights& weights);
-    [[nodiscard]] double field_reach(const FieldCell& cell, const Box& box, std::size_t axis) const;
+    void add_fields(const SurfaceCells& cells, Weights& weights);
+    double add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell, const Box& box, int depth, Weights& weights);
+    [[nodiscard]] double field_reach(const SurfaceCell& cell, const Box& box, std::size_t axis) const;
     void add_blocks(Kind kind, int axis, int labels, std::size_t offset, std::span<const double> weights);
 
     [[nodiscard]] FlatBlock flat_block(const Block& block) const;
@@ -181,6 +169,7 @@ private:
     std::vector<Body> parts_;
     std::vector<CellRecord> cells_;
     std::vector<FieldPiece> fields_;
+    std::vector<std::uint32_t> fields_cell_;  // one a piece of fields_
     std::vector<FieldLines> field_lines_;
     std::size_t field_cells_ = 0;  // that field_lines_ serve
     std::shared_ptr<const FieldPrograms> programs_;

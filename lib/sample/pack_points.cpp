@@ -20,7 +20,7 @@ namespace {
 
 constexpr std::size_t kChunk = 64;
 
-void pack(const ParticleFrame& frame, const LineSampler::Point* points, Particle* out, std::size_t count) {
+void pack(const ParticleFrame& frame, const SourcePoint* points, Particle* out, std::size_t count) {
     alignas(64) float x[kChunk], y[kChunk], z[kChunk];
     alignas(64) std::uint32_t bits[kChunk];
     const double shrink = frame.shrink;
@@ -54,8 +54,12 @@ namespace pellucid {
 
 HWY_EXPORT(pack);
 
-void pack_points(const ParticleFrame& frame, std::span<const LineSampler::Point> points,
+void pack_points(const ParticleFrame& frame, std::span<const SourcePoint> points, bool painted,
                  std::span<Particle> out) {
+    if (painted) {
+        for (std::size_t i = 0; i < points.size(); ++i) out[i] = frame.pack_painted(points[i].view, points[i].view_normal);
+        return;
+    }
     constexpr std::size_t kAtOnce = 64;
     for (std::size_t done = 0; done < points.size(); done += kAtOnce)
         HWY_DYNAMIC_DISPATCH(pack)

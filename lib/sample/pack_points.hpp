@@ -3,12 +3,13 @@
 
 #include <span>
 
-#include "sample/line_sampler.hpp"
+#include "sample/particle_set.hpp"
+#include "sample/particle_source.hpp"
 
 namespace pellucid {
 
-/// `out` has the size of `points`.
-void pack_points(const ParticleFrame& frame, std::span<const LineSampler::Point> points,
+/// `out` has the size of `points`. Painted points have their colour for a normal: kernel/paint_twin.h.
+void pack_points(const ParticleFrame& frame, std::span<const SourcePoint> points, bool painted,
                  std::span<Particle> out);
 
 }  // namespace pellucid

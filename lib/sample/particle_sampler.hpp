@@ -6,7 +6,8 @@
 #include <span>
 #include <vector>
 
-#include "sample/line_sampler.hpp"
+#include "sample/make_sources.hpp"
+#include "sample/particle_set.hpp"
 
 namespace pellucid {
 
@@ -41,17 +42,14 @@ struct SamplerSettings {
     bool deal_to_one_repeat = false;  // fast mode
 };
 
-/// One sampler an object, in the order of the scene.
-[[nodiscard]] std::vector<LineSampler> make_samplers(const PreparedScene& scene);
-
 /// Mean number of trials that give one object its opacity in one repeat, min(α, kMostParticleOpacity).
-[[nodiscard]] double mean_trials(const LineSampler& sampler, TrialLaw law);
+[[nodiscard]] double mean_trials(const ParticleSource& source, TrialLaw law);
 
 /// Samples repeats first, …, first + count − 1. A repeat depends on seed and its own number only, so
 /// any split into calls, threads or machines gives the same particles.
 /// Throws Error(input) where fast mode is asked for without the Poisson law; Error(run) where exact_count
 /// cannot be met because nothing of the object is in view.
-[[nodiscard]] ParticleSet sample_particles(const PreparedScene& scene, std::span<const LineSampler> samplers,
+[[nodiscard]] ParticleSet sample_particles(const PreparedScene& scene, const SourceRefs& sources,
                                            const SamplerSettings& settings, std::uint32_t first,
                                            std::uint32_t count);
 

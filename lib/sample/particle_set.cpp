@@ -6,6 +6,7 @@
 
 #include "core/error.hpp"
 #include "kernel/normal_twin.h"
+#include "kernel/paint_twin.h"
 
 namespace pellucid {
 namespace {
@@ -41,6 +42,14 @@ Particle ParticleFrame::pack(const Vec3& view, const Vec3& view_normal) const {
     return {static_cast<float>(view.x * shrink), static_cast<float>(view.y * shrink),
             static_cast<float>(std::max(0.0, view.z - near) * shrink),
             twin::pack_normal({static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)})};
+}
+
+Particle ParticleFrame::pack_painted(const Vec3& view, const Vec3& color) const {
+    Particle q{static_cast<float>(view.x * shrink), static_cast<float>(view.y * shrink),
+               static_cast<float>(std::max(0.0, view.z - near) * shrink), 0};
+    q.normal = twin::pack_paint({static_cast<float>(color.x), static_cast<float>(color.y), static_cast<float>(color.z)},
+                                twin::place_hash(q.x, q.y, q.above_near));
+    return q;
 }
 
 Vec3 ParticleFrame::view_position(const Particle& p) const {

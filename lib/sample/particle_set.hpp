@@ -25,6 +25,9 @@ struct ParticleFrame {
     ParticleFrame(double near_depth, int exponent_of_scale) : near(near_depth), exponent(exponent_of_scale) {}
     /// As stored; what lies before the near plane is put on it. `view_normal`: any length but 0.
     [[nodiscard]] Particle pack(const Vec3& view, const Vec3& view_normal) const;
+    /// The same for a particle that carries its colour, 0 … 1 of its object's brightest: rounded up or down with the chance
+    /// that keeps its mean, by a hash of its place.
+    [[nodiscard]] Particle pack_painted(const Vec3& view, const Vec3& color) const;
     [[nodiscard]] Vec3 view_position(const Particle& particle) const;
     /// The integers by which every backend projects these particles.
     [[nodiscard]] twin::Projection projection(const Camera& camera) const;

@@ -20,12 +20,13 @@
 #include "core/vec.hpp"
 #include "field/catalogue.hpp"
 #include "field/isolation_stats.hpp"
+#include "field/scalar_field.hpp"
 #include "io/mesh_file.hpp"
 #include "scene/scene.hpp"
 
 namespace pellucid {
 
-class FieldCells;
+class SurfaceCells;
 
 /// A convex body in world space, spanned by edges from one corner.
 struct Body {
@@ -63,9 +64,9 @@ struct ImplicitPatch {
     Affine to_world;
 };
 
-/// f = 0 of a formula, in cells of an octree: a cell a patch. Object space.
+/// f = 0 of a formula, a volume or points, in cells: a cell a patch. Object space.
 struct FieldPatches {
-    const FieldCells* cells;
+    const SurfaceCells* cells;
     Affine to_world;
 };
 
@@ -107,6 +108,8 @@ public:
     [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
     /// The cells of a formula's surface; empty elsewhere.
     [[nodiscard]] virtual std::optional<FieldPatches> field() const { return std::nullopt; }
+    /// f = 0 as a function, where the surface is one: implicit surfaces, formulas, isosurfaces, points.
+    [[nodiscard]] virtual std::optional<FieldSurface> field_surface() const { return std::nullopt; }
     /// Precondition: trilinear() has a value.
     [[nodiscard]] virtual TrilinearCorners cell(std::size_t patch) const;
     /// True where the part of the patch inside `part` (a parallelepiped within its body) is surely empty.

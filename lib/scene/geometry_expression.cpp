@@ -2,11 +2,29 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/real.hpp"
 #include "field/field_cells.hpp"
 #include "scene/geometry_makers.hpp"
 
 namespace pellucid {
 namespace {
+
+class FormulaField final : public ScalarField {
+public:
+    explicit FormulaField(const FieldCells& cells) : cells_(cells) {}
+    [[nodiscard]] double value(const Vec3& x) const override { return cells_.field().at(x); }
+    [[nodiscard]] Vec3 gradient(const Vec3& x) const override { return cells_.field().gradient_at(x); }
+    [[nodiscard]] FieldJet jet(const Vec3& x) const override {
+        const auto f = evaluate_at<Real, 10>(cells_.field().hessian(), {Real(x.x), Real(x.y), Real(x.z)});
+        FieldJet jet{f[0].value, {f[1].value, f[2].value, f[3].value}, {}};
+        for (std::size_t i = 0; i < 6; ++i) jet.hessian[i] = f[4 + i].value;
+        return jet;
+    }
+    [[nodiscard]] bool excludes(const Box& box) const override { return cells_.excludes(box); }
+
+private:
+    const FieldCells& cells_;
+};
 
 class FieldGeometry final : public SurfaceGeometry {
 public:
@@ -47,6 +65,9 @@ public:
     }
 
     [[nodiscard]] std::optional<FieldPatches> field() const override { return FieldPatches{&cells_, to_world_}; }
+    [[nodiscard]] std::optional<FieldSurface> field_surface() const override {
+        return FieldSurface{&formula_, cells_.bounds(), to_world_};
+    }
     [[nodiscard]] Box bounds() const override { return bounds_; }
     [[nodiscard]] std::size_t bytes() const override { return sizeof(*this) + cells_.bytes(); }
 
@@ -60,6 +81,7 @@ private:
     }
 
     FieldCells cells_;
+    FormulaField formula_{cells_};
     Affine to_world_;
     Affine to_object_;
     Vec3 center_;

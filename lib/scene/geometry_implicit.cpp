@@ -63,6 +63,10 @@ public:
         return ImplicitPatch{&field_, bounds_, to_world_};
     }
 
+    [[nodiscard]] std::optional<FieldSurface> field_surface() const override {
+        return FieldSurface{&field_, bounds_, to_world_};
+    }
+
     [[nodiscard]] bool excludes(std::size_t, const Body& part) const override {
         std::array<Vec3, 8> corners;
         const int count = part.vertices(corners);

@@ -13,6 +13,7 @@
 #include <vector>
 
 #include "core/vec.hpp"
+#include "field/volume_field.hpp"
 
 namespace pellucid {
 
@@ -63,8 +64,6 @@ struct Contour {
     double width_px = 0;
     Vec3 color{0.0};
 };
-
-enum class Interpolation { trilinear, catmull_rom, nearest };
 
 /// value, r, g, b, opacity; values do not fall, a repeated value is a jump.
 using TransferPoint = std::array<double, 5>;

@@ -83,6 +83,7 @@ twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t ob
         color = {twin::mix_texels(at, a.x, b.x, c.x, d.x), twin::mix_texels(at, a.y, b.y, c.y, d.y),
                  twin::mix_texels(at, a.z, b.z, c.z, d.z)};
     }
+    if (m.painted != 0) color = twin::paint_color(m, particle);
     return twin::color_units(m, sums, color.x, color.y, color.z, shading.view.units);
 }
 

@@ -447,7 +447,7 @@ std::vector<PatchDraw> draw_patch(const OpacityPatch& patch, const PreparedScene
         std::clamp<std::uint64_t>(8'000'000 / std::max<std::uint64_t>(thrown.count, 1), 1, thrown.repeats));
     for (std::uint32_t first = 0; first < thrown.repeats; first += batch) {
         const ParticleSet set =
-            sample_particles(scene, {&sampler, 1}, settings, first, std::min(batch, thrown.repeats - first));
+            sample_particles(scene, SourceRefs(sampler), settings, first, std::min(batch, thrown.repeats - first));
         std::vector<Winners> of_first;
         for (std::size_t d = 0; d < drawers.size(); ++d) {
             std::vector<Winners> winners = drawers[d]->winners(set);

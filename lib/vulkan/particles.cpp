@@ -22,7 +22,7 @@ constexpr std::uint32_t kMeanWords[] = {
 
 static_assert(sizeof(twin::PixelSums) == 56 && sizeof(twin::PackedSums) == 40 &&
               sizeof(twin::DrawSpan) == 20 && sizeof(twin::Particle) == 16);
-static_assert(sizeof(twin::Material) == 80 && sizeof(twin::ViewLight) == 20 &&
+static_assert(sizeof(twin::Material) == 84 && sizeof(twin::ViewLight) == 20 &&
               sizeof(twin::Projection) == 80);
 static_assert(offsetof(twin::DrawSetup, view) == 80 && offsetof(twin::DrawSetup, tile_columns) == 96 &&
               offsetof(twin::DrawSetup, particles) == 104);

@@ -77,6 +77,7 @@ ColorUnits shade_particle(Lighting lighting, Material m, Particle q) {
     }
     Vec3f color = Vec3f(m.red, m.green, m.blue);
     if (kTextured && m.texture_width > 0) color = texture_color(m, q);
+    if (m.painted != 0) color = paint_color(m, q);
     return color_units(m, sums, color.x, color.y, color.z, view.units);
 }
 

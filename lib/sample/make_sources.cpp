@@ -1,0 +1,34 @@
+#include "sample/make_sources.hpp"
+
+namespace pellucid {
+
+SourceRefs::SourceRefs(const Sources& sources) {
+    for (const auto& source : sources) refs_.push_back(source.get());
+}
+
+SourceRefs::SourceRefs(const std::vector<LineSampler>& samplers) {
+    for (const LineSampler& sampler : samplers) refs_.push_back(&sampler);
+}
+
+Sources make_sources(const PreparedScene& scene, SamplerKind kind) {
+    Sources sources;
+    for (std::size_t i = 0; i < scene.objects.size(); ++i) {
+        switch (kind) {
+            case SamplerKind::lines:
+            case SamplerKind::stratified:
+                sources.push_back(std::make_unique<LineSampler>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i)));
+                break;
+        }
+    }
+    return sources;
+}
+
+std::vector<LineSampler> make_samplers(const PreparedScene& scene) {
+    std::vector<LineSampler> samplers;
+    samplers.reserve(scene.objects.size());
+    for (std::size_t i = 0; i < scene.objects.size(); ++i)
+        samplers.emplace_back(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i));
+    return samplers;
+}
+
+}  // namespace pellucid
