@@ -130,7 +130,7 @@ TEST(FieldLines, HardBoxesGiveTheSamePointsOnEveryInstructionSet) {
                 }
                 pieces[0].reach = 1e-3;  // nearly all are kept
                 pieces[0].bound = 1;
-                const FieldBlock block{pieces.data(), &programs, h.axis};
+                const FieldBlock block{pieces.data(), &programs, nullptr, nullptr, h.axis};
                 static LineWords words;
                 for (std::size_t i = 0; i < kChunkRoom; ++i) {
                     words.u[i] = i % 16 == 0 ? 0.5 : unit(random);

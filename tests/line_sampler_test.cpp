@@ -274,7 +274,7 @@ TEST(PackPoints, EqualsPackingOneByOne) {
                               {scale * some(), scale * some(), scale * normal(random)}});
         }
         std::vector<Particle> packed(points.size());
-        pack_points(frame, points, packed);
+        pack_points(frame, points, false, packed);
         for (std::size_t i = 0; i < points.size(); ++i) {
             const Particle one = frame.pack(points[i].view, points[i].view_normal);
             ASSERT_EQ(0, std::memcmp(&one, &packed[i], sizeof one)) << i;
