@@ -16,10 +16,13 @@ struct ParticleSettings {
     std::uint32_t first_repeat = 0;  // of a shard
     SamplerKind kind = SamplerKind::lines;
     SamplerSettings sampler{};
+    std::optional<std::uint32_t> group{};  // stratified; absent: default_group
+    std::uint32_t oversampling = 8;        // stratified
     /// MiB of particles held at a time, though at least one repeat a thread: repeats are sampled, drawn and
     /// forgotten in batches.
     std::int64_t memory_mib = 1024;
-    /// Stop before `repeats` once every pixel's estimated standard error is at most this.
+    /// A tile is done before `repeats` once all of its pixels' estimated standard errors are at most this. The number of
+    /// repeats doubles from one look to the next, and an estimate that decides when to stop is a little too small.
     std::optional<double> max_error{};
     Backend backend = Backend::cpu();
 };
