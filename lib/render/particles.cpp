@@ -27,7 +27,11 @@ namespace {
         s.first_repeat = range.first;
         s.repeats = range.end - range.first;
     }
-    s.kind = input.settings.choice<SamplerKind>("sampler", SamplerKind::lines, {{"lines", SamplerKind::lines}, {"stratified", SamplerKind::stratified}});
+    std::vector<std::string> names;
+    for (const auto& [name, kind] : sampler_names()) names.emplace_back(name);
+    const std::string sampler = input.settings.one_of("sampler", names.front(), names);
+    for (const auto& [name, kind] : sampler_names())
+        if (sampler == name) s.kind = kind;
     s.oversampling = static_cast<std::uint32_t>(input.settings.integer("oversampling", s.oversampling, {.lo = 1, .hi = 1024}));
     if (input.settings.has("group"))
         s.group = static_cast<std::uint32_t>(input.settings.integer("group", kRequired, {.lo = 1, .hi = 65536}));
@@ -207,6 +211,14 @@ private:
 }
 
 }  // namespace
+
+std::span<const std::pair<std::string_view, SamplerKind>> sampler_names() {
+    static constexpr std::pair<std::string_view, SamplerKind> kNames[] = {
+        {"lines", SamplerKind::lines},
+        {"stratified", SamplerKind::stratified},
+    };
+    return kNames;
+}
 
 EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
                             const std::function<void(double)>& progress) {

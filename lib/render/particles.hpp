@@ -4,6 +4,9 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
+#include <string_view>
+#include <utility>
 
 #include "render/method.hpp"
 #include "sample/particle_sampler.hpp"
@@ -26,6 +29,9 @@ struct ParticleSettings {
     std::optional<double> max_error{};
     Backend backend = Backend::cpu();
 };
+
+/// Names of `particles.sampler`, the default first.
+[[nodiscard]] std::span<const std::pair<std::string_view, SamplerKind>> sampler_names();
 
 /// Particle generation (on the CPU) → projection with occlusion → sums (on settings.backend), batch by batch.
 /// Throws Error(input) where a colour of the scene may exceed kMostParticleColor. `progress` is given the
