@@ -43,7 +43,7 @@ Vec3 SurfaceGeometry::color(const Vec3&) const { return Vec3(0.0); }
 
 bool has_geometry(const Shape& shape) {
     if (const auto* iso = std::get_if<IsosurfaceShape>(&shape))
-        return iso->interpolation == Interpolation::trilinear;
+        return iso->interpolation != Interpolation::nearest;
     return std::holds_alternative<ImplicitShape>(shape) || std::holds_alternative<ExpressionShape>(shape) || std::holds_alternative<MeshShape>(shape) ||
            std::holds_alternative<RectangleShape>(shape);
 }
