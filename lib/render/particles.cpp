@@ -32,6 +32,13 @@ namespace {
     const std::string sampler = input.settings.one_of("sampler", names.front(), names);
     for (const auto& [name, kind] : sampler_names())
         if (sampler == name) s.kind = kind;
+    const ConfigTable walk = input.settings.table("walk");
+    if (walk.has("step")) s.walk.step = walk.number("step", kRequired, {.lo = 0, .hi = 1, .lo_open = true});
+    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = kMostWalkers}));
+    s.walk.thinning = static_cast<std::uint32_t>(walk.integer("thinning", s.walk.thinning, {.lo = 1, .hi = 1 << 20}));
+    s.walk.drift = walk.boolean("drift", s.walk.drift);
+    s.walk.start = walk.choice<WalkSettings::Start>(
+        "start", s.walk.start, {{"uniform", WalkSettings::Start::uniform}, {"single", WalkSettings::Start::single}});
     s.oversampling = static_cast<std::uint32_t>(input.settings.integer("oversampling", s.oversampling, {.lo = 1, .hi = 1024}));
     if (input.settings.has("group"))
         s.group = static_cast<std::uint32_t>(input.settings.integer("group", kRequired, {.lo = 1, .hi = 65536}));
@@ -178,7 +185,7 @@ private:
 
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
-    const Sources sources = make_sources(input.scene, settings.kind);
+    const Sources sources = make_sources(input.scene, settings.kind, settings.walk);
     std::size_t pieces = 0;
     std::size_t sampler_bytes = 0;
     double trials = 0;
@@ -216,6 +223,7 @@ std::span<const std::pair<std::string_view, SamplerKind>> sampler_names() {
     static constexpr std::pair<std::string_view, SamplerKind> kNames[] = {
         {"lines", SamplerKind::lines},
         {"stratified", SamplerKind::stratified},
+        {"brownian", SamplerKind::brownian},
     };
     return kNames;
 }
@@ -226,7 +234,7 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
                           scene.settings.source, brightest_color(scene), kMostParticleColor);
     Stopwatch watch;
-    const Sources sources = make_sources(scene, settings.kind);
+    const Sources sources = make_sources(scene, settings.kind, settings.walk);
     const std::uint32_t batch = batch_size(settings, expected_particles(sources, settings.sampler));
     Stage cutting{"cut into pieces", watch.lap(), 0, ""};
     for (const auto& source : sources) cutting.bytes += static_cast<std::int64_t>(source->bytes());
@@ -277,7 +285,10 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
-    for (const auto& source : sources) stats.isolation += source->isolation();
+    for (const auto& source : sources) {
+        stats.isolation += source->isolation();
+        if (const std::string complaint = source->complaint(); !complaint.empty()) warn("{}", complaint);
+    }
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
     for (const StageTime& time : drawer->device_times())
@@ -298,9 +309,16 @@ Method particles_method() {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
              "\"lines\": random lines along the edges of boxes and cells, points of triangles; \"stratified\": the same, "
-             "at most one particle of an object in a pixel and repeats that make up for each other"},
+             "at most one particle of an object in a pixel and repeats that make up for each other; "
+             "\"brownian\": a walk on f = 0 (equations 2 and 3)"},
             {"particles.group", "a quarter of repeats", "stratified: repeats that share their candidates"},
             {"particles.oversampling", "8", "stratified: candidates for each particle of independent repeats"},
+            {"particles.walk.step", "0.01, or 0.3 of a cell",
+             "brownian: sqrt(2 dt) as a share of the surface's width; of a cell's where volumes or points give no step"},
+            {"particles.walk.walkers", "256", "brownian: walkers of a repeat"},
+            {"particles.walk.thinning", "1", "brownian: every k-th position is kept"},
+            {"particles.walk.drift", "true", "brownian: dx^(S) of equation (3)"},
+            {"particles.walk.start", "\"uniform\"", "brownian: each walker at a uniform place, or all at a \"single\" one"},
             {"particles.lines", "\"exact\"",
              "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different "
              "repeats, so that variance.* is too small, at most 4 times, where a view runs along them"},

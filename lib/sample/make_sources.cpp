@@ -10,13 +10,17 @@ SourceRefs::SourceRefs(const std::vector<LineSampler>& samplers) {
     for (const LineSampler& sampler : samplers) refs_.push_back(&sampler);
 }
 
-Sources make_sources(const PreparedScene& scene, SamplerKind kind) {
+Sources make_sources(const PreparedScene& scene, SamplerKind kind, const WalkSettings& walk) {
     Sources sources;
     for (std::size_t i = 0; i < scene.objects.size(); ++i) {
         switch (kind) {
             case SamplerKind::lines:
             case SamplerKind::stratified:
                 sources.push_back(std::make_unique<LineSampler>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i)));
+                break;
+            case SamplerKind::brownian:
+                sources.push_back(
+                    std::make_unique<BrownianSource>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i), walk));
                 break;
         }
     }

@@ -5,6 +5,7 @@
 #include <span>
 #include <vector>
 
+#include "sample/brownian_source.hpp"
 #include "sample/line_sampler.hpp"
 #include "sample/particle_source.hpp"
 #include "scene/prepared_scene.hpp"
@@ -15,6 +16,7 @@ namespace pellucid {
 enum class SamplerKind {
     lines,       // random lines: line_sampler.hpp
     stratified,  // the same, thinned pixel by pixel: stratify.hpp
+    brownian,    // Brownian motion on f = 0: brownian_source.hpp
 };
 
 using Sources = std::vector<std::unique_ptr<const ParticleSource>>;
@@ -35,7 +37,8 @@ private:
 };
 
 /// One source an object, in the order of the scene. Throws Error(input) naming an object that the sampler cannot serve.
-[[nodiscard]] Sources make_sources(const PreparedScene& scene, SamplerKind kind = SamplerKind::lines);
+[[nodiscard]] Sources make_sources(const PreparedScene& scene, SamplerKind kind = SamplerKind::lines,
+                                   const WalkSettings& walk = {});
 
 /// Random lines on every surface.
 [[nodiscard]] std::vector<LineSampler> make_samplers(const PreparedScene& scene);

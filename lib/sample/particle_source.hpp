@@ -70,6 +70,8 @@ public:
 
     [[nodiscard]] virtual std::size_t piece_count() const = 0;
     [[nodiscard]] virtual std::size_t bytes() const = 0;
+    /// What went wrong so far, for a warning; empty: nothing.
+    [[nodiscard]] virtual std::string complaint() const { return {}; }
     /// What fields could not decide so far.
     [[nodiscard]] virtual IsolationStats isolation() const { return {}; }
 };
