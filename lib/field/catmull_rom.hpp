@@ -1,8 +1,8 @@
 // The isosurface of a Catmull-Rom volume in cells of the grid and parts of them: what sampler and truth share of it.
 //
 // Control points throw away cells without a zero, shrink those that stay to a box around their part of the surface and
-// bound the gradient there. Cells in which lines along no one axis suit are cut into octants, up to three times, where
-// that makes lines fewer. Eight bytes a cell are kept, all else is found again when it is asked for.
+// bound the gradient there. Cells in which lines along no one axis suit are cut into octants, up to twice, where that
+// makes lines much fewer. Eight bytes a cell are kept, all else is found again when it is asked for.
 //
 // Along a line the field is a polynomial of degree 9 in each cell. Which cell a root belongs to is decided by signs
 // of the field where the line crosses a face: there the coordinate across is put on the face exactly, the weights of
@@ -43,7 +43,7 @@ public:
     /// A cell of the grid, or an octant of an octant … of it.
     struct Place {
         std::array<int, 3> base;  // its cell of the grid
-        Vec3 lo, hi;              // in that cell, multiples of 1/8
+        Vec3 lo, hi;              // in that cell, multiples of 1/4
     };
     [[nodiscard]] Place place(std::size_t index) const { return place_of(cells_[index]); }
 

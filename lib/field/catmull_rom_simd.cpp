@@ -314,6 +314,7 @@ void CatmullRomCells::cross_along(const AxisLines& lines, const AxisRoots& out) 
     const std::size_t c = a == 2 ? 1 : 2;
     for (std::size_t first = 0; first < lines.count; first += kLines) {
         const std::size_t count = std::min(kLines, lines.count - first);
+        for (std::size_t i = 0; i < count; ++i) hwy::Prefetch(&cells_[lines.cell[first + i]]);
         for (std::size_t i = 0; i < count; ++i) {
             const std::array<int, 3> base = base_of(cells_[lines.cell[first + i]]);
             lanes.base[i] = base[a];

@@ -57,35 +57,53 @@ void map_axis(int axis, const Matrix& m, std::array<double, 64>& b) {
     return m;
 }
 
-constexpr std::array<std::size_t, 3> kStride{1, 4, 16};
-
-/// Least and largest control point of each of the four layers across an axis.
-struct Layers {
-    std::array<double, 4> least, most;
-};
-[[nodiscard]] Layers layers(const std::array<double, 64>& b, std::size_t axis) {
-    Layers found;
-    const std::size_t s = kStride[axis];
-    for (std::size_t layer = 0; layer < 4; ++layer) {
-        double least = kInfinity, most = -kInfinity;
-        for (std::size_t n = 0; n < 16; ++n) {
-            const std::size_t at = axis == 0 ? 4 * n : axis == 1 ? n % 4 + 16 * (n / 4) : n;
-            const double value = b[at + s * layer];
-            least = value < least ? value : least;
-            most = value > most ? value : most;
-        }
-        found.least[layer] = least;
-        found.most[layer] = most;
-    }
-    return found;
+/// The control points by layers across an axis, 16 each.
+using Layers = std::array<std::array<double, 16>, 4>;
+[[nodiscard]] Layers layers_across(std::size_t axis, const std::array<double, 64>& b) {
+    Layers out;
+    for (std::size_t layer = 0; layer < 4; ++layer)
+        for (std::size_t n = 0; n < 16; ++n)
+            out[layer][n] = b[axis == 0 ? layer + 4 * n : axis == 1 ? 4 * layer + n % 4 + 16 * (n / 4) : n + 16 * layer];
+    return out;
 }
 
-/// The first place at which a polynomial whose control points are at most `most` can reach 0; above 1 where none.
+[[nodiscard]] double least_of(const std::array<double, 16>& a) {
+    std::array<double, 4> four{a[0], a[1], a[2], a[3]};
+    for (std::size_t n = 4; n < 16; n += 4)
+        for (std::size_t i = 0; i < 4; ++i) four[i] = a[n + i] < four[i] ? a[n + i] : four[i];
+    return std::min(std::min(four[0], four[1]), std::min(four[2], four[3]));
+}
+[[nodiscard]] double most_of(const std::array<double, 16>& a) {
+    std::array<double, 4> four{a[0], a[1], a[2], a[3]};
+    for (std::size_t n = 4; n < 16; n += 4)
+        for (std::size_t i = 0; i < 4; ++i) four[i] = a[n + i] > four[i] ? a[n + i] : four[i];
+    return std::max(std::max(four[0], four[1]), std::max(four[2], four[3]));
+}
+
+/// Least and largest difference of layers that follow each other; the layers become those differences.
+[[nodiscard]] Interval differences(Layers& layers, std::size_t count) {
+    std::array<double, 16> least, most;
+    for (std::size_t layer = 0; layer < count; ++layer)
+        for (std::size_t n = 0; n < 16; ++n) {
+            const double step = layers[layer + 1][n] - layers[layer][n];
+            layers[layer][n] = step;
+            least[n] = layer == 0 || step < least[n] ? step : least[n];
+            most[n] = layer == 0 || step > most[n] ? step : most[n];
+        }
+    return {least_of(least), most_of(most)};
+}
+
+/// The first place at which a polynomial whose control points are at most `most` can reach 0, that is their convex hull;
+/// above 1 where none. The hull's border crosses 0 on the line of two of them.
 [[nodiscard]] double first_reach(const std::array<double, 4>& most) {
     if (most[0] >= 0) return 0;
     double first = 2;
-    for (std::size_t i = 1; i < 4; ++i)
-        if (most[i] >= 0) first = std::min(first, static_cast<double>(i) / 3 * (-most[0] / (most[i] - most[0])));
+    for (std::size_t j = 1; j < 4; ++j) {
+        if (!(most[j] >= 0)) continue;
+        for (std::size_t i = 0; i < j; ++i)
+            if (most[i] < 0)
+                first = std::min(first, (static_cast<double>(i) + static_cast<double>(j - i) * (most[i] / (most[i] - most[j]))) / 3);
+    }
     return first;
 }
 
@@ -116,36 +134,28 @@ Tricubic Tricubic::part(const Vec3& lo, const Vec3& hi) const {
 }
 
 Interval Tricubic::range() const {
-    double least = kInfinity, most = -kInfinity;
-    for (const double value : b) {
-        least = value < least ? value : least;
-        most = value > most ? value : most;
-    }
-    return {least - rounding, most + rounding};
+    std::array<double, 16> least, most;
+    for (std::size_t n = 0; n < 16; ++n) least[n] = most[n] = b[n];
+    for (std::size_t layer = 16; layer < 64; layer += 16)
+        for (std::size_t n = 0; n < 16; ++n) {
+            const double value = b[layer + n];
+            least[n] = value < least[n] ? value : least[n];
+            most[n] = value > most[n] ? value : most[n];
+        }
+    return {least_of(least) - rounding, most_of(most) + rounding};
 }
 
 Interval Tricubic::slope(int axis) const {
-    const std::size_t s = kStride[static_cast<std::size_t>(axis)];
-    double least = kInfinity, most = -kInfinity;
-    for (std::size_t i = 0; i < 64; ++i) {
-        if ((i / s) % 4 == 3) continue;
-        const double step = b[i + s] - b[i];
-        least = step < least ? step : least;
-        most = step > most ? step : most;
-    }
-    return {3 * (least - 2 * rounding), 3 * (most + 2 * rounding)};
+    Layers layers = layers_across(static_cast<std::size_t>(axis), b);
+    const Interval step = differences(layers, 3);
+    return {3 * (step.lo - 2 * rounding), 3 * (step.hi + 2 * rounding)};
 }
 
 Interval Tricubic::bend(int axis) const {
-    const std::size_t s = kStride[static_cast<std::size_t>(axis)];
-    double least = kInfinity, most = -kInfinity;
-    for (std::size_t i = 0; i < 64; ++i) {
-        if ((i / s) % 4 >= 2) continue;
-        const double step = b[i + 2 * s] - 2 * b[i + s] + b[i];
-        least = step < least ? step : least;
-        most = step > most ? step : most;
-    }
-    return {6 * (least - 4 * rounding), 6 * (most + 4 * rounding)};
+    Layers layers = layers_across(static_cast<std::size_t>(axis), b);
+    (void)differences(layers, 3);
+    const Interval turn = differences(layers, 2);
+    return {6 * (turn.lo - 4 * rounding), 6 * (turn.hi + 4 * rounding)};
 }
 
 Box Tricubic::zeros() const {
@@ -154,10 +164,11 @@ Box Tricubic::zeros() const {
     if (!(all.lo < 0 && all.hi >= 0)) return {};
     Box box;
     for (int axis = 0; axis < 3; ++axis) {
-        auto [least, most] = layers(b, static_cast<std::size_t>(axis));
+        const Layers layers = layers_across(static_cast<std::size_t>(axis), b);
+        std::array<double, 4> least, most;
         for (std::size_t i = 0; i < 4; ++i) {
-            most[i] += rounding;
-            least[i] = -(least[i] - rounding);
+            most[i] = most_of(layers[i]) + rounding;
+            least[i] = -(least_of(layers[i]) - rounding);
         }
         const double lo = std::max(first_reach(most), first_reach(least));
         std::reverse(most.begin(), most.end());
