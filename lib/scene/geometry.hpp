@@ -7,6 +7,7 @@
 //   implicit   one patch, its bounds       box          1, 2 or 4
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
 //   expression a cell of an octree a patch cell         1 in most, any number in few
+//   points     a cell of an octree a patch cell         1 in most, any number in few
 #pragma once
 
 #include <array>
@@ -128,7 +129,7 @@ public:
     [[nodiscard]] virtual std::size_t bytes() const = 0;
 };
 
-/// True where this program can turn the shape into geometry (all but point sets, slices and
+/// True where this program can turn the shape into geometry (all but slices and
 /// interpolations other than trilinear).
 [[nodiscard]] bool has_geometry(const Shape& shape);
 
