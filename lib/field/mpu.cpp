@@ -22,9 +22,7 @@ constexpr double kSurelyBad = 1.5;
 const double kSupport = std::sqrt(kMpuSupport2);
 /// An enlarged ball is so much larger than the distance of its last point, which else had no weight.
 constexpr double kBeyondLast = 1.1;
-/// t = kPerEdge·|u|: 1.5 on the ball's surface.
-constexpr double kPerEdge2 = 2.25 / kMpuSupport2;
-const double kPerEdge = std::sqrt(kPerEdge2);
+const double kPerEdge = std::sqrt(kMpuPerEdge2);
 /// Neighbours whose normals contradict each other: as many of so many are warned of.
 constexpr std::size_t kProbedPoints = 20'000;
 constexpr double kContradictions = 0.01;
@@ -43,24 +41,6 @@ constexpr std::size_t kManyLeaves = 4096;
     std::ranges::copy(q, out.c.begin());
     return out;
 }
-
-/// Weight at u, as a function of |u|²; and ∇w = −slope·u.
-struct Weight {
-    double value = 0;
-    double slope = 0;
-    explicit Weight(double u2) {
-        if (!(u2 < kMpuSupport2)) return;
-        const double t2 = kPerEdge2 * u2;
-        if (t2 < 0.25) {
-            value = 0.75 - t2;
-            slope = 2 * kPerEdge2;
-            return;
-        }
-        const double t = std::sqrt(t2);
-        value = 0.5 * (1.5 - t) * (1.5 - t);
-        slope = kPerEdge2 * (1.5 / t - 1);
-    }
-};
 
 /// Points of one place become one, with the mean of their normals.
 [[nodiscard]] std::vector<OrientedPoint> without_duplicates(std::vector<OrientedPoint> points) {
@@ -329,7 +309,7 @@ double MpuField::value(const Vec3& place) const {
         const MpuLeaf& leaf = leaves_[number];
         const double edge = leaf.edge;
         const Vec3 u = (x - vector(leaf.center)) / edge;
-        const Weight w(dot(u, u));
+        const MpuWeight w(dot(u, u));
         std::array<double, 3> q{};
         for (std::size_t k = 0; k < piece_count(leaf.join); ++k) q[k] = quadric(piece(leaf, k)).value(u);
         weights += w.value;
@@ -354,14 +334,14 @@ FieldJet MpuField::jet(const Vec3& place) const {
         const double edge = leaf.edge;
         const Vec3 u = (x - vector(leaf.center)) / edge;
         const double u2 = dot(u, u);
-        const Weight w(u2);
+        const MpuWeight w(u2);
         std::array<double, 3> q{};
         for (std::size_t k = 0; k < piece_count(leaf.join); ++k) q[k] = quadric(piece(leaf, k)).value(u);
         const std::size_t decides = deciding_piece(leaf.join, q);
         const Quadric own = quadric(piece(leaf, decides));
         Part part{w.value, edge * q[decides], edge, -(w.slope / edge) * u, own.gradient(u), {}, {}};
         // ∇w = −slope(r)·u, slope' = −1.5·kPerEdge/r² beyond the knot
-        const double bend = u2 * kPerEdge2 < 0.25 ? 0 : 1.5 * kPerEdge / (u2 * std::sqrt(u2));
+        const double bend = u2 * kMpuPerEdge2 < 0.25 ? 0 : 1.5 * kPerEdge / (u2 * std::sqrt(u2));
         const double per = 1 / (edge * edge);
         part.weight_hessian = {per * (bend * u.x * u.x - w.slope), per * (bend * u.y * u.y - w.slope),
                                per * (bend * u.z * u.z - w.slope), per * bend * u.x * u.y,
@@ -426,10 +406,10 @@ MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) co
         const Vec3 h = half / edge;
         const Vec3 near = glm::max(glm::abs(u) - h, Vec3(0.0));
         const Vec3 far = glm::abs(u) + h;
-        const Weight most(dot(near, near));
+        const MpuWeight most(dot(near, near));
         if (!(most.value > 0)) continue;
-        least_weight += Weight(dot(far, far)).value;
-        const Weight here(dot(u, u));
+        least_weight += MpuWeight(dot(far, far)).value;
+        const MpuWeight here(dot(u, u));
         weight_at_center += here.value;
         std::array<double, 3> value{};
         const std::size_t first = parts.size();

@@ -8,6 +8,7 @@
 #pragma once
 
 #include <array>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -41,6 +42,27 @@ struct alignas(64) MpuLeaf {
 static_assert(sizeof(MpuLeaf) == 64);
 /// Radius of a leaf's ball in edges, squared: (¾ √3)².
 inline constexpr double kMpuSupport2 = 27.0 / 16;
+
+/// |u| is 1.5 knots on the ball's surface, |u| in edges.
+inline constexpr double kMpuPerEdge2 = 2.25 / kMpuSupport2;
+
+/// The weight of a leaf at u from |u|², a quadratic B-spline of the distance; ∇w = −slope·u.
+struct MpuWeight {
+    double value = 0;
+    double slope = 0;
+    explicit MpuWeight(double u2) {
+        if (!(u2 < kMpuSupport2)) return;
+        const double t2 = kMpuPerEdge2 * u2;
+        if (t2 < 0.25) {
+            value = 0.75 - t2;
+            slope = 2 * kMpuPerEdge2;
+            return;
+        }
+        const double t = std::sqrt(t2);
+        value = 0.5 * (1.5 - t) * (1.5 - t);
+        slope = kMpuPerEdge2 * (1.5 / t - 1);
+    }
+};
 
 /// What f and ∇f can be in a box. Empty gradients: not known.
 struct MpuRange {

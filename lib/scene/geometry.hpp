@@ -8,6 +8,7 @@
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
 //   … Catmull-Rom, a cell or part of one   box          9, most 1 along an axis
 //   expression a cell of an octree a patch cell         1 in most, any number in few
+//   points     a cell of an octree a patch cell         1 in most, any number in few
 #pragma once
 
 #include <array>
@@ -129,7 +130,7 @@ public:
     [[nodiscard]] virtual std::size_t bytes() const = 0;
 };
 
-/// True where this program can turn the shape into geometry (all but point sets, slices and isosurfaces of "nearest").
+/// True where this program can turn the shape into geometry (all but slices and isosurfaces of "nearest").
 [[nodiscard]] bool has_geometry(const Shape& shape);
 
 /// Reads files and builds the geometry of one surface. Throws Error(input) naming surface and file.
