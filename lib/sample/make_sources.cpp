@@ -1,5 +1,7 @@
 #include "sample/make_sources.hpp"
 
+#include "sample/volume_source.hpp"
+
 namespace pellucid {
 
 SourceRefs::SourceRefs(const Sources& sources) {
@@ -16,7 +18,7 @@ Sources make_sources(const PreparedScene& scene, SamplerKind kind, const WalkSet
         switch (kind) {
             case SamplerKind::lines:
             case SamplerKind::stratified:
-                sources.push_back(std::make_unique<LineSampler>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i)));
+                sources.push_back(std::make_unique<LineSampler>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i), scene.settings.lights));
                 break;
             case SamplerKind::brownian:
                 sources.push_back(
@@ -24,6 +26,7 @@ Sources make_sources(const PreparedScene& scene, SamplerKind kind, const WalkSet
                 break;
         }
     }
+    for (std::size_t i = 0; i < scene.volumes.size(); ++i) sources.push_back(std::make_unique<VolumeSource>(scene, i));
     return sources;
 }
 
@@ -31,7 +34,7 @@ std::vector<LineSampler> make_samplers(const PreparedScene& scene) {
     std::vector<LineSampler> samplers;
     samplers.reserve(scene.objects.size());
     for (std::size_t i = 0; i < scene.objects.size(); ++i)
-        samplers.emplace_back(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i));
+        samplers.emplace_back(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i), scene.settings.lights);
     return samplers;
 }
 
