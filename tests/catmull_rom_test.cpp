@@ -313,6 +313,36 @@ TEST(CatmullRomCells, NoCellsWhereNothingCrosses) {
     EXPECT_EQ(CatmullRomCells(volume_of({6, 6, 6}, std::vector<float>(216, 1.5F)), 1.5).count(), 0U);
 }
 
+TEST(CatmullRomCells, CrossingsOfARealHeadAgreeWithTheSignsAtTheEnds) {
+    const fs::path file = "/usr/share/mricron/templates/ch2.nii.gz";  // Debian's mricron-data
+    if (!fs::exists(file)) GTEST_SKIP() << "skipped: no " << file;
+    const auto volume =
+        std::make_shared<VolumeField>(std::make_shared<VoxelGrid>(read_volume(file)), Interpolation::catmull_rom);
+    const CatmullRomCells cells(volume, 40);
+    EXPECT_LT(cells.bytes(), volume->bytes() + 24 * cells.count());
+    std::mt19937_64 random(13);
+    std::uniform_real_distribution<double> unit(0, 1);
+    const Vec3 hull = volume->hull().hi;
+    IsolationStats stats;
+    std::size_t all = 0;
+    for (int i = 0; i < 40; ++i) {
+        Vec3 a = hull * Vec3(unit(random), unit(random), unit(random));
+        Vec3 b = hull * Vec3(unit(random), unit(random), unit(random));
+        if (i % 2 == 0) a = glm::round(a), b = glm::round(b);  // through corners of cells
+        const auto roots = cross_all(cells, a, b - a, stats, 0, 1);
+        all += roots.size();
+        EXPECT_EQ(roots.size() % 2 != 0, (cells.field().value(a) >= 0) != (cells.field().value(b) >= 0)) << i;
+        for (std::size_t n = 0; n < roots.size(); ++n) {
+            // The field has the signs between them that they say.
+            const double after = n + 1 < roots.size() ? roots[n + 1].t : 1;
+            const bool up = dot(roots[n].gradient, b - a) > 0;
+            EXPECT_EQ(cells.field().value(a + 0.5 * (roots[n].t + after) * (b - a)) >= 0, up) << i;
+        }
+    }
+    EXPECT_GT(all, 100U);
+    EXPECT_EQ(stats.undecided, 0U);
+}
+
 // ---- scenes
 
 fs::path sphere_file(const fs::path& folder) {
