@@ -6,6 +6,7 @@
 
 #include "core/error.hpp"
 #include "scene/shading.hpp"
+#include "core/parallel.hpp"
 
 namespace pellucid {
 namespace {
@@ -461,9 +462,16 @@ void LineSampler::add_blocks(Kind kind, int axis, int labels, std::size_t offset
 /// Adds what can be seen of a formula's cells.
 void LineSampler::add_fields(const SurfaceCells& cells, Weights& weights) {
     if (cells.formula() != nullptr) programs_ = std::make_shared<FieldPrograms>(*cells.formula());
-    for (std::size_t i = 0; i < cells.count(); ++i) {
-        const SurfaceCell cell = cells.cell(i);
-        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cell, cell.tight, 0, weights);
+    // What cells say of themselves may have to be found first: by all threads, some at a time.
+    constexpr std::size_t kAtOnce = std::size_t{1} << 16U;
+    std::vector<SurfaceCell> some;
+    for (std::size_t first = 0; first < cells.count(); first += kAtOnce) {
+        some.resize(std::min(kAtOnce, cells.count() - first));
+        parallel_for(some.size(), 256, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) some[i] = cells.cell(first + i);
+        });
+        for (std::size_t i = 0; i < some.size(); ++i)
+            virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(first + i), some[i], some[i].tight, 0, weights);
     }
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::size_t offset = fields_.size();
