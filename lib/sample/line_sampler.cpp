@@ -5,8 +5,8 @@
 #include <cmath>
 
 #include "core/error.hpp"
-#include "scene/shading.hpp"
 #include "core/parallel.hpp"
+#include "scene/shading.hpp"
 
 namespace pellucid {
 namespace {
