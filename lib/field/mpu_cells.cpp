@@ -14,7 +14,7 @@ namespace {
 constexpr double kFlat = 1.5;
 /// A leaf is cut so often for flatness, and so often for being monotone along any axis.
 constexpr int kCutsForFlat = 1;
-constexpr int kCutsForMonotone = 1;
+constexpr int kCutsForMonotone = 2;
 /// A box is looked into again where its volume has become less than this share.
 constexpr double kShrunkMuch = 0.6;
 /// Boxes around the surface are larger than they need be by this share of their cell.
@@ -24,6 +24,10 @@ constexpr std::size_t kNeighbours = 8;
 constexpr double kNeighboursReach = 1.6;
 /// An outlier's neighbours are far away; its spacing is believed up to so many of the median.
 constexpr double kMostSpacing = 4;
+/// Gradients are looked at in so many places, and may go beyond what was seen by this share of it and by so much.
+constexpr int kPlacesSeen = 15;
+constexpr double kRoomBeyondSeen = 0.3;
+constexpr double kLeastRoom = 0.01;
 /// Pieces that a line may cost in one cell, and how often they are halved.
 constexpr int kMostPieces = 512;
 constexpr int kMostHalvings = 24;
@@ -146,6 +150,31 @@ struct MpuCells::Builder {
         });
     }
 
+    /// ∇f from places all over a box, with room, where the sure range says nothing: of noisy points the local fits differ
+    /// by what absolute values add up and signs cancel. False beside edges and corners.
+    [[nodiscard]] bool estimate(const List& list, const Box& box, MpuRange& range) const {
+        for (const std::uint32_t number : list)
+            if (field.leaves()[number].join != Join::one) return false;
+        std::array<Interval, 3> seen{Interval::nothing(), Interval::nothing(), Interval::nothing()};
+        for (int i = 0; i < kPlacesSeen; ++i) {
+            const Vec3 share = i < 8 ? Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1)
+                                     : i < 14 ? Vec3((i - 8) / 2 == 0 ? i & 1 : 0.5, (i - 8) / 2 == 1 ? i & 1 : 0.5,
+                                                     (i - 8) / 2 == 2 ? i & 1 : 0.5)
+                                              : Vec3(0.5);
+            const Vec3 place = field.bounds().lo + field.size() * (box.lo + share * box.size());
+            const Vec3 g = mpu_gradient(field, list, place);
+            for (std::size_t k = 0; k < 3; ++k) {
+                const double slope = g[static_cast<int>(k)];
+                seen[k] = Interval(std::min(seen[k].lo, slope), std::max(seen[k].hi, slope));
+            }
+        }
+        for (std::size_t k = 0; k < 3; ++k) {
+            const double room = kRoomBeyondSeen * seen[k].width() + kLeastRoom;
+            range.gradient[k] = intersect(range.gradient[k], Interval(seen[k].lo - room, seen[k].hi + room));
+        }
+        return true;
+    }
+
     void look(const List& list, const Cube& cube, int cuts, bool surely_near, Kept& kept) const {
         const Box whole = cube.box();
         bool split = false;
@@ -159,13 +188,15 @@ struct MpuCells::Builder {
         if (!range.value.has_zero()) return;
         Box tight = whole;
         if (!split) {
+            if (!monotone(range)) (void)estimate(list, tight, range);
             for (int pass = 0; pass < 2 && bounded(range); ++pass) {
                 const Vec3 before = tight.size();
                 if (!shrink(list, range, tight)) return;
                 const Vec3 after = tight.size();
                 if (after.x * after.y * after.z > kShrunkMuch * before.x * before.y * before.z) break;
-                const MpuRange again = field.range(list, tight);
+                MpuRange again = field.range(list, tight);
                 if (!again.value.has_zero()) return;
+                if (!monotone(again)) (void)estimate(list, tight, again);
                 range = again;
             }
             split = cuts < kCutsForFlat ? !flat(range) : cuts < kCutsForMonotone && !monotone(range);
