@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/parallel.hpp"
+#include "field/mpu_lanes.hpp"
 #include "field/mpu_lines.hpp"
 #include "field/safeguarded_newton.hpp"
 
@@ -167,6 +168,7 @@ struct MpuCells::Builder {
                 const double slope = g[static_cast<int>(k)];
                 seen[k] = Interval(std::min(seen[k].lo, slope), std::max(seen[k].hi, slope));
             }
+            if (i > 0 && seen[0].has_zero() && seen[1].has_zero() && seen[2].has_zero()) return false;
         }
         for (std::size_t k = 0; k < 3; ++k) {
             const double room = kRoomBeyondSeen * seen[k].width() + kLeastRoom;
@@ -222,6 +224,7 @@ struct MpuCells::Builder {
         cell.first_leaf = static_cast<std::uint32_t>(kept.lists.size());
         kept.lists.insert(kept.lists.end(), list.begin(), list.end());
         cell.leaf_count = static_cast<std::uint32_t>(kept.lists.size()) - cell.first_leaf;
+        cell.sharp = std::ranges::any_of(list, [&](std::uint32_t i) { return field.leaves()[i].join != Join::one; });
         kept.cells.push_back(cell);
     }
 
@@ -411,6 +414,39 @@ std::size_t MpuCells::bytes() const {
     return cells_.capacity() * sizeof(MpuCell) + lists_.capacity() * sizeof(std::uint32_t);
 }
 
-void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const { SurfaceCells::cross_along(lines, out); }
+void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const {
+    const std::size_t a = lines.axis;
+    const std::size_t axes[2] = {(a + 1) % 3, (a + 2) % 3};
+    const Vec3 first = field_.bounds().lo;
+    const auto along = static_cast<int>(a);
+    thread_local std::vector<MpuLaneLine> lanes;
+    thread_local std::vector<std::size_t> number;
+    lanes.clear();
+    number.clear();
+    for (std::size_t i = 0; i < lines.count; ++i) {
+        const MpuCell& cell = cells_[lines.cell[i]];
+        if (cell.sharp || cell.leaf_count > kMpuLaneLeaves) {
+            AxisLines one{a, 1, lines.cell + i, {}, lines.lo + i, lines.hi + i};
+            for (const std::size_t axis : axes) one.at[axis] = lines.at[axis] + i;
+            SurfaceCells::cross_along(one, {out.root + i, {out.gradient[0] + i, out.gradient[1] + i, out.gradient[2] + i}});
+            continue;
+        }
+        MpuLaneLine lane{leaves_of(cell), {}, 0, 0, 0, {}};
+        for (std::size_t k = 0; k < 2; ++k)
+            lane.at[k] = (lines.at[axes[k]][i] - first[static_cast<int>(axes[k])]) / field_.size();
+        lane.lo = (lines.lo[i] - first[along]) / field_.size();
+        lane.hi = (lines.hi[i] - first[along]) / field_.size();
+        lanes.push_back(lane);
+        number.push_back(i);
+    }
+    cross_mpu_lanes(field_.leaves().data(), a, lanes);
+    for (std::size_t k = 0; k < lanes.size(); ++k) {
+        const std::size_t i = number[k];
+        out.root[i] = lanes[k].root;  // NaN passes
+        if (!std::isnan(lanes[k].root))
+            out.root[i] = std::clamp(first[along] + field_.size() * lanes[k].root, lines.lo[i], lines.hi[i]);
+        for (std::size_t axis = 0; axis < 3; ++axis) out.gradient[axis][i] = lanes[k].gradient[axis];
+    }
+}
 
 }  // namespace pellucid

@@ -30,6 +30,7 @@ struct MpuCell {
     std::array<float, 3> gradient_lo{}, gradient_hi{};  // over `tight`; infinite where nothing is known
     std::uint32_t first_leaf = 0;          // in MpuCells::lists
     std::uint32_t leaf_count = 0;
+    bool sharp = false;                    // whether one of them is
 
     [[nodiscard]] bool monotone(std::size_t axis) const { return gradient_lo[axis] > 0 || gradient_hi[axis] < 0; }
 };
