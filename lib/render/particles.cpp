@@ -8,6 +8,7 @@
 #include "core/stopwatch.hpp"
 #include "render/methods.hpp"
 #include "render/shard.hpp"
+#include "sample/surface_mesh.hpp"
 #include "scene/shading.hpp"
 
 namespace pellucid {
@@ -18,6 +19,29 @@ namespace {
         input.settings.integer("repeats", ParticleSettings{}.repeats, {.lo = 1, .hi = kMostRepeats}));
 }
 
+[[nodiscard]] SourceSettings read_source_settings(const RenderInput& input) {
+    SourceSettings s;
+    using Start = WalkSettings::Start;
+    const ConfigTable walk = input.settings.table("walk");
+    s.walk.step = walk.number("step", s.walk.step, within(0, 0.25));
+    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = 1 << 20}));
+    s.walk.thinning = static_cast<std::uint32_t>(walk.integer("thinning", s.walk.thinning, {.lo = 1, .hi = 1 << 20}));
+    s.walk.burn_in = static_cast<std::uint32_t>(walk.integer("burn_in", s.walk.burn_in, {.lo = 0, .hi = 1 << 20}));
+    s.walk.drift = walk.boolean("drift", s.walk.drift);
+    s.walk.start = walk.choice<Start>("start", s.walk.start, {{"uniform", Start::uniform}, {"single", Start::single}});
+    const ConfigTable mesh = input.settings.table("mesh");
+    s.mesh_cells = static_cast<int>(mesh.integer("cells", s.mesh_cells, {.lo = 2, .hi = kMostMeshCells}));
+    s.mesh_error_px = mesh.number("error_px", s.mesh_error_px, within(0, 16));
+    s.octree_cells = static_cast<int>(
+        input.settings.table("octree").integer("cells", s.octree_cells, {.lo = 2, .hi = kMostMeshCells}));
+    s.counting_spheres = input.settings.choice<int>("opacity_control", 0, {{"exact", 0}, {"counting-spheres", 1}}) == 1;
+    const ConfigTable counting = input.settings.table("counting");
+    s.counting.spheres = static_cast<std::uint32_t>(counting.integer("spheres", s.counting.spheres, {.lo = 1, .hi = 1 << 16}));
+    s.counting.radius = counting.number("radius", s.counting.radius, at_least(0));
+    s.seed = input.seed;
+    return s;
+}
+
 [[nodiscard]] ParticleSettings read_settings(const RenderInput& input) {
     ParticleSettings s;
     s.repeats = all_repeats(input);
@@ -26,7 +50,12 @@ namespace {
         s.first_repeat = range.first;
         s.repeats = range.end - range.first;
     }
-    s.kind = input.settings.choice<SamplerKind>("sampler", SamplerKind::lines, {{"lines", SamplerKind::lines}});
+    s.kind = input.settings.choice<SamplerKind>("sampler", SamplerKind::lines,
+                                                {{"lines", SamplerKind::lines},
+                                                 {"brownian", SamplerKind::brownian},
+                                                 {"mesh", SamplerKind::mesh},
+                                                 {"octree", SamplerKind::octree}});
+    s.source = read_source_settings(input);
     s.sampler.trials = input.settings.choice<TrialLaw>(
         "count", TrialLaw::poisson, {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
     s.sampler.lines = input.settings.choice<LineMode>("lines", LineMode::exact,
@@ -47,9 +76,15 @@ namespace {
     constexpr std::uint64_t kProbes = 4096;
     double sum = 0;
     for (const ParticleSource* source : sources.all()) {
-        if (!(source->virtual_pixels() > 0) || !source->has_single_trials()) continue;
+        if (!(source->virtual_pixels() > 0)) continue;
         std::uint64_t kept = 0;
-        for (std::uint64_t i = 0; i < kProbes; ++i) kept += source->trial({0}, ~0U, i) ? 1U : 0U;
+        if (source->has_single_trials()) {
+            for (std::uint64_t i = 0; i < kProbes; ++i) kept += source->trial({0}, ~0U, i) ? 1U : 0U;
+        } else {
+            std::vector<SourcePoint> points;
+            source->trials_in_block(0, {0}, ~0U, 0, kProbes, points);
+            kept = points.size();
+        }
         sum +=
             mean_trials(*source, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
     }
@@ -94,7 +129,7 @@ namespace {
 
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
-    const Sources sources = make_sources(input.scene, settings.kind);
+    const Sources sources = make_sources(input.scene, settings.kind, settings.source);
     std::size_t pieces = 0;
     std::size_t sampler_bytes = 0;
     double trials = 0;
@@ -134,7 +169,7 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
                           scene.settings.source, brightest_color(scene), kMostParticleColor);
     Stopwatch watch;
-    const Sources sources = make_sources(scene, settings.kind);
+    const Sources sources = make_sources(scene, settings.kind, settings.source);
     const std::uint32_t batch = batch_size(settings, expected_particles(sources, settings.sampler));
     Stage cutting{"cut into pieces", watch.lap(), 0, ""};
     for (const auto& source : sources) cutting.bytes += static_cast<std::int64_t>(source->bytes());
@@ -169,7 +204,10 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
-    for (const auto& source : sources) stats.isolation += source->isolation();
+    for (const auto& source : sources) {
+        stats.isolation += source->isolation();
+        if (const std::string remark = source->remark(); !remark.empty()) warn("{}", remark);
+    }
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
     for (const StageTime& time : drawer->device_times())
@@ -189,7 +227,21 @@ Method particles_method() {
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
-             "random lines along the edges of boxes and cells; points of triangles"},
+             "\"lines\": random lines along the edges of boxes and cells, points of triangles; \"brownian\": a walk on "
+             "f = 0; \"mesh\", \"octree\": points of triangles that stand for f = 0"},
+            {"particles.walk.step", "0", "brownian: sqrt(2 dt), share of the surface's width; 0: 1e-2, or 0.3 of a cell"},
+            {"particles.walk.walkers", "1024", "brownian: of a repeat"},
+            {"particles.walk.thinning", "1", "brownian: every so many-th position is kept"},
+            {"particles.walk.burn_in", "0", "brownian: steps before the first position"},
+            {"particles.walk.drift", "true", "brownian: dx^(S) of the paper's (2)"},
+            {"particles.walk.start", "\"uniform\"", "brownian: \"uniform\" places, or \"single\": one place a repeat"},
+            {"particles.mesh.cells", "128", "mesh: along the longest edge of the bounds"},
+            {"particles.mesh.error_px", "0", "mesh: in place of cells, largest distance from the surface; 0: cells"},
+            {"particles.octree.cells", "128", "octree: leaves along the longest edge of the bounds"},
+            {"particles.opacity_control", "\"exact\"",
+             "\"exact\": particles by area; \"counting-spheres\": until spheres on the surface hold enough"},
+            {"particles.counting.spheres", "100", "counting-spheres: how many"},
+            {"particles.counting.radius", "0", "counting-spheres: scene units; 0: 2 % of the surface's size, 4 pixels at least"},
             {"particles.lines", "\"exact\"",
              "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different "
              "repeats, so that variance.* is too small, at most 4 times, where a view runs along them"},

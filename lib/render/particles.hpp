@@ -15,6 +15,7 @@ struct ParticleSettings {
     std::uint32_t repeats = 500;  // L_R
     std::uint32_t first_repeat = 0;  // of a shard
     SamplerKind kind = SamplerKind::lines;
+    SourceSettings source{};  // its seed is sampler.seed
     SamplerSettings sampler{};
     /// MiB of particles held at a time, though at least one repeat a thread: repeats are sampled, drawn and
     /// forgotten in batches.

@@ -5,6 +5,8 @@
 #include <span>
 #include <vector>
 
+#include "sample/brownian_walk.hpp"
+#include "sample/counting_spheres.hpp"
 #include "sample/line_sampler.hpp"
 #include "sample/particle_source.hpp"
 #include "scene/prepared_scene.hpp"
@@ -15,6 +17,20 @@ namespace pellucid {
 enum class SamplerKind {
     lines,       // random lines: line_sampler.hpp
     stratified,  // the same, thinned pixel by pixel: stratify.hpp
+    brownian,    // Brownian motion on the surface: brownian_sampler.hpp
+    mesh,        // area-weighted triangles of a tessellation: mesh_sampler.hpp, surface_mesh.hpp
+    octree,      // area-weighted pieces of tangent planes in the leaves of an octree: the same
+};
+
+/// What only some samplers read.
+struct SourceSettings {
+    WalkSettings walk{};
+    int mesh_cells = 128;    // along the longest edge of the bounds
+    double mesh_error_px = 0;  // 0: mesh_cells; else cells for an error of so many pixels
+    int octree_cells = 128;
+    bool counting_spheres = false;  // opacity control as in the paper
+    CountingSpheres counting{};
+    Seed seed{};  // of the counting spheres
 };
 
 using Sources = std::vector<std::unique_ptr<const ParticleSource>>;
@@ -35,7 +51,8 @@ private:
 };
 
 /// One source an object, in the order of the scene. Throws Error(input) naming an object that the sampler cannot serve.
-[[nodiscard]] Sources make_sources(const PreparedScene& scene, SamplerKind kind = SamplerKind::lines);
+[[nodiscard]] Sources make_sources(const PreparedScene& scene, SamplerKind kind = SamplerKind::lines,
+                                   const SourceSettings& settings = {});
 
 /// Random lines on every surface.
 [[nodiscard]] std::vector<LineSampler> make_samplers(const PreparedScene& scene);

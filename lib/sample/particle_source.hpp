@@ -68,6 +68,8 @@ public:
 
     [[nodiscard]] virtual std::size_t piece_count() const = 0;
     [[nodiscard]] virtual std::size_t bytes() const = 0;
+    /// What went wrong so far, a line for people; empty where nothing did.
+    [[nodiscard]] virtual std::string remark() const { return {}; }
     /// What fields could not decide so far.
     [[nodiscard]] virtual IsolationStats isolation() const { return {}; }
 };

@@ -1,0 +1,97 @@
+// Brownian motion confined to a surface f = 0: Tanaka et al. 2012 (2), (3), one step of one walker.
+//
+//     dx = dx^(T) + dx^(S),   dx^(T) = P dw,   dx^(S) = −(dt/|∇f|²) ∇f Tr(HP),   ⟨dw_i dw_j⟩ = 2 δ_ij dt
+// by Euler's method, then Newton's (else bisection along the gradient) back to the surface. The walk is uniform in
+// *world* area: with x = M u + o the world's gradient is M⁻ᵀ ∇_u f and its Hessian M⁻ᵀ H_u M⁻¹. P = QQᵀ with an
+// orthonormal basis Q of the tangent plane, and Qᵀ dw are two independent Gaussian numbers: P dw is drawn as Q times
+// these, the same law for two thirds of the numbers.
+//
+// *Open surfaces.* Where bounds or clip planes end the surface, the step is folded back at its edge: mirrored in the
+// tangent plane at the line in which the cutting plane meets it. Without an edge the kernel k(x, y) is symmetric but for
+// terms of the step's own order. On a half-plane the folded kernel is k(x, y) + k(x, y*), y* the mirror image; since
+// k(x, y*) = k(x*, y) = k(y, x*), it is symmetric as well, and ∫ k'(x, y) dA(x) = ∫ k'(y, x) dA(x) = 1: the uniform law
+// stays. Curvature of the edge adds a term of the step's length over its radius in a seam as wide as a step. What is
+// still outside (corners) does not move, which keeps every symmetric kernel symmetric.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <vector>
+
+#include "core/random.hpp"
+#include "field/scalar_field.hpp"
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid {
+
+struct WalkSettings {
+    /// √(2Δt) as a share of the surface's width, the longest edge of its bounds; 0: 1e-2, or 0.3 of a cell's width
+    /// where the field comes in cells.
+    double step = 0;
+    std::uint32_t walkers = 1024;  // of a repeat
+    std::uint32_t thinning = 1;    // every so many-th position is kept
+    std::uint32_t burn_in = 0;     // steps before the first
+    bool drift = true;             // dx^(S)
+    enum class Start { uniform, single } start = Start::uniform;  // single: all of a repeat from one place
+
+    /// Wrong twins, for tests and experiments that must reject them; no setting of users.
+    bool project = true;        // false: dw for P dw
+    bool correct = true;        // false: no way back to the surface
+    double noise_variance = 1;  // of what (3) says
+    enum class Edge { fold, redraw } edge = Edge::fold;  // redraw: until a step ends inside; half the density at edges
+};
+
+class BrownianWalk {
+public:
+    /// Precondition: geometry->field_surface() has a value. The object must outlive the walk.
+    BrownianWalk(const Object& object, const WalkSettings& settings);
+
+    struct Walker {
+        Vec3 at{0.0};        // object space
+        Vec3 gradient{0.0};  // there, in the metric of `metric`
+    };
+    /// √(2Δt), world.
+    [[nodiscard]] double step_length() const { return step_length_; }
+    [[nodiscard]] Vec3 world(const Walker& walker) const { return to_world_.point(walker.at); }
+    [[nodiscard]] Vec3 world_normal(const Walker& walker) const;
+    /// A walker on the surface near a world place; false where none is found.
+    [[nodiscard]] bool put(const Vec3& place, Walker& walker) const;
+    /// One step. False where the walker stays because it found no way back to the surface, or into its bounds.
+    [[nodiscard]] bool advance(Walker& walker, Seed seed, const DrawKey& key) const;
+
+    /// For code that takes many steps at once (brownian_simd.cpp).
+    [[nodiscard]] const ScalarField& field() const { return *field_; }
+    [[nodiscard]] bool isometric() const { return isometric_; }
+    /// √(2Δt) in the coordinates in which steps are taken: object space if isometric.
+    [[nodiscard]] double inner_step() const { return inner_step_; }
+    [[nodiscard]] double reach() const { return reach_; }
+    [[nodiscard]] bool open() const { return !planes_.empty(); }
+    [[nodiscard]] const WalkSettings& settings() const { return settings_; }
+
+private:
+    /// Keeps normal·u <= offset, object space; |gradient of the plane in the metric| = 1.
+    struct Plane {
+        Vec3 normal, metric_normal;
+        double offset;
+    };
+    [[nodiscard]] Vec3 metric(const Vec3& covector) const { return isometric_ ? covector : inverse_transposed_ * covector; }
+    [[nodiscard]] Vec3 inner(const Vec3& v) const { return isometric_ ? v : inverse_ * v; }
+    [[nodiscard]] bool settle(Walker& walker) const;
+    [[nodiscard]] bool settle_by_bisection(const Vec3& from, const Vec3& gradient, Walker& walker) const;
+    [[nodiscard]] bool fold_back(Walker& walker) const;
+    [[nodiscard]] double beyond(const Plane& plane, const Vec3& at) const { return dot(plane.normal, at) - plane.offset; }
+    [[nodiscard]] bool inside(const Vec3& at) const;
+
+    const ScalarField* field_;
+    WalkSettings settings_;
+    Affine to_world_, to_object_;
+    Mat3 inverse_, inverse_transposed_;
+    bool isometric_ = false;  // but for its scale
+    double step_length_ = 0, inner_step_ = 0;
+    double near_ = 0;   // this far from the surface one step of Newton's more is enough
+    double reach_ = 0;  // farthest way back to the surface
+    double hair_ = 0;   // beyond an edge
+    std::vector<Plane> planes_;
+};
+
+}  // namespace pellucid
