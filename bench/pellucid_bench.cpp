@@ -180,6 +180,15 @@ void sample(benchmark::State& state) {
 
 [[nodiscard]] PreparedScene barth_sextic_in_full() { return barth_sextic(kImageSize); }
 
+template <Interpolation interpolation>
+[[nodiscard]] PreparedScene head() {
+    return real_head(interpolation);
+}
+template <Interpolation interpolation>
+[[nodiscard]] PreparedScene wavy_ball() {
+    return wavy_isosurface(interpolation);
+}
+
 template <class Probe>
 void lines_probe(benchmark::State& state) {
     constexpr std::uint64_t kLines = std::uint64_t{1} << 23U;
@@ -292,9 +301,12 @@ void register_all() {
     thrice(RegisterBenchmark("sample/sextic_probe", lines_probe<SexticLinesProbe>));
     once(RegisterBenchmark("sample/sextic", sample<barth_sextic_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full, LineMode::exact>));
-    once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface, LineMode::exact>));
-    if (std::filesystem::exists(kHeadFile))
-        once(RegisterBenchmark("sample/head", sample<real_head, LineMode::exact>));
+    once(RegisterBenchmark("sample/isosurface", sample<wavy_ball<Interpolation::trilinear>, LineMode::exact>));
+    once(RegisterBenchmark("sample/catmull_rom", sample<wavy_ball<Interpolation::catmull_rom>, LineMode::exact>));
+    if (std::filesystem::exists(kHeadFile)) {
+        once(RegisterBenchmark("sample/head", sample<head<Interpolation::trilinear>, LineMode::exact>));
+        once(RegisterBenchmark("sample/head_catmull_rom", sample<head<Interpolation::catmull_rom>, LineMode::exact>));
+    }
     thrice(RegisterBenchmark("truth/probe", embree_probe));
     thrice(RegisterBenchmark("truth/gather", gather_all_hits));
     once(RegisterBenchmark("truth/sextic_512", trace_formula));

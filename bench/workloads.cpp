@@ -136,20 +136,20 @@ PreparedScene nested_spheres(int size, double opacity) {
     return prepare(scene);
 }
 
-PreparedScene real_head() {
+PreparedScene real_head(Interpolation interpolation) {
     Scene scene = empty_scene(kImageSize, {260, 300, 90});
     scene.camera.target = {0, -18, 10};
     scene.camera.up = {0, 0, 1};
-    scene.surfaces.push_back(glossy("skin", IsosurfaceShape{kHeadFile, 40}));
+    scene.surfaces.push_back(glossy("skin", IsosurfaceShape{kHeadFile, 40, interpolation}));
     return prepare(scene);
 }
 
-PreparedScene wavy_isosurface() {
+PreparedScene wavy_isosurface(Interpolation interpolation) {
     const TemporaryFolder scratch;
     write_wavy_volume(scratch.path() / "ball.nrrd", 128);
     Scene scene = empty_scene(kImageSize, {64, 64, 320});
     scene.camera.target = {64, 64, 64};
-    scene.surfaces.push_back(glossy("isosurface", IsosurfaceShape{scratch.path() / "ball.nrrd", 0.6}));
+    scene.surfaces.push_back(glossy("isosurface", IsosurfaceShape{scratch.path() / "ball.nrrd", 0.6, interpolation}));
     return prepare(scene);
 }
 

@@ -19,9 +19,9 @@ inline constexpr int kImageSize = 1024;
 /// Eight nested wavy spheres, 1.04 million triangles, seen along −z in an image of size².
 [[nodiscard]] PreparedScene nested_spheres(int size, double opacity);
 inline constexpr const char* kHeadFile = "/usr/share/mricron/templates/ch2.nii.gz";
-/// The skin of the head of Debian's mricron-data, 181 x 217 x 181, trilinear.
-[[nodiscard]] PreparedScene real_head();
-/// The isosurface of a wavy ball in a volume of 128³, trilinear.
-[[nodiscard]] PreparedScene wavy_isosurface();
+/// The skin of the head of Debian's mricron-data, 181 x 217 x 181.
+[[nodiscard]] PreparedScene real_head(Interpolation interpolation = Interpolation::trilinear);
+/// The isosurface of a wavy ball in a volume of 128³.
+[[nodiscard]] PreparedScene wavy_isosurface(Interpolation interpolation = Interpolation::trilinear);
 
 }  // namespace pellucid::bench

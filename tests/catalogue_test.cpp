@@ -154,7 +154,7 @@ TEST(CatalogueNodes, CayleysCubicHas4AndSmoothSurfacesNone) {
     const CatalogueFormula cayley = formula("cayley");
     EXPECT_EQ(nodes(cayley.field, cayley.bounds).size(), 4U);
     for (const Vec3& x : {Vec3(1, 1, 1), Vec3(1, -1, -1), Vec3(-1, 1, -1), Vec3(-1, -1, 1)}) expect_node(cayley.field, x);
-    for (const char* smooth : {"clebsch", "tangle", "goursat", "chmutov", "gyroid", "schwarz_p", "schwarz_d"}) {
+    for (const char* smooth : {"clebsch", "tangle", "goursat", "chmutov", "metaballs", "gyroid", "schwarz_p", "schwarz_d"}) {
         const CatalogueFormula f = formula(smooth);
         EXPECT_TRUE(nodes(f.field, f.bounds).empty()) << smooth;
     }
@@ -299,6 +299,10 @@ TEST(CatalogueFormulas, VanishAtKnownPoints) {
     zero("gyroid", {0.5, 0.5, -0.5}, {{"period", 2}});
     zero("schwarz_p", Vec3(0.5), {{"period", 2}});
     zero("schwarz_d", {0, 0, 0}, {{"period", 2}});
+    // Where its own ball gives ½: two of the others give as much as each other, the third half of what stands below it.
+    const double depth = 0.6 * std::sqrt(std::log(2.0));
+    zero("metaballs", {0.5, 0.5, 0.5 - depth},
+         {{"threshold", 0.5 + 2 * std::exp(-(1 + (1 - depth) * (1 - depth)) / 0.36) + 0.5 * std::exp(-2 / 0.36)}});
     zero("hunt", {0, 3.5, 0});                                 // 4·(−¾)³ + 27·(¼)² = 0
 }
 
@@ -336,6 +340,7 @@ TEST(CatalogueFormulas, HaveTheirSymmetries) {
         {"hunt", mx}, {"hunt", my}, {"hunt", mz}, {"miter", mx}, {"miter", my}, {"miter", mz},
         {"whitney_umbrella", mx}, {"whitney_umbrella", my},
         {"gyroid", cycle}, {"gyroid", one, Vec3(0.5)}, {"gyroid", one, {1, 0, 0}}, {"gyroid", -one, {}, -1},
+        {"metaballs", cycle}, {"metaballs", half}, {"metaballs", rotoreflection}, {"metaballs", swap},
         {"schwarz_p", cycle}, {"schwarz_p", quarter}, {"schwarz_p", one, Vec3(0.5), -1}, {"schwarz_p", one, {0, 1, 0}},
         {"schwarz_d", cycle}, {"schwarz_d", one, Vec3(0.5), -1}, {"schwarz_d", swap}, {"schwarz_d", -one, {}, -1},
     };

@@ -177,7 +177,7 @@ TEST_F(RenderCommand, BadScenesAreRefused) {
     refused_scene(head_ + "[[surface]]\nname = \"b\"\nmesh = \"gone.ply\"\n", "gone.ply");
     const std::string transfer = "transfer = [[0, 0, 0, 0, 0], [1, 1, 1, 1, 1]]\n";
     refused_scene(good_ + "[[volume]]\nname = \"fog\"\nfile = \"v.nrrd\"\n" + transfer, "fog");
-    refused_scene(good_ + "[[surface]]\nname = \"odd\"\npoints = \"p.ply\"\n", "odd");
+    refused_scene(good_ + "[[surface]]\nname = \"odd\"\npoints = \"p.ply\"\n", "p.ply");
 }
 
 TEST_F(RenderCommand, BadExpressionsAreRefused) {

@@ -50,6 +50,10 @@ RATIOS = (
     Ratio("sampling an isosurface, of bare lines", "particles", "sample/isosurface", "sample/probe"),
     # 3 M particles/s where a probe gives 46 M/s.
     Ratio("sampling the head, of bare lines", "particles", "sample/head", "sample/probe", at_least=3 / 46),
+    Ratio("sampling a Catmull-Rom isosurface, of bare lines", "particles", "sample/catmull_rom", "sample/probe",
+          at_least=0.05),
+    Ratio("sampling the head by Catmull-Rom, of bare lines", "particles", "sample/head_catmull_rom", "sample/probe",
+          at_least=0.05),
     Ratio("truth's all hits, of bare Embree", "hits", "truth/gather", "truth/probe", at_least=0.5),
     Ratio("truth of a sextic formula, 16 rays a pixel, of bare lines through it", "rays", "truth/sextic_512",
           "sample/sextic_probe"),

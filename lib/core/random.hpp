@@ -28,6 +28,7 @@ enum class Purpose : std::uint32_t {
     particle_count = 0xffffff02U,
     test = 0xffffff03U,
     derived_seed = 0xffffff04U,
+    stratify = 0xffffff05U,
 };
 
 /// 128 random bits.

@@ -94,6 +94,19 @@ std::vector<CatalogueEntry> entries() {
         // Its handle, the axis below 0, is a line and not drawn.
         formula("whitney_umbrella", "x^2 - y^2*z", {}, "|x|, |y| <= 1, 0 <= z <= 1",
                 {"-1", "-1", "0", "1", "1", "1"}),
+        // Four blobs at every other corner of a cube of half-edge distance, each exp(-r^2/radius^2), where their sum is the
+        // threshold (J. F. Blinn, A generalization of algebraic surface drawing, 1982). Negative inside. Tetrahedral. The box:
+        // beyond radius*sqrt(log(4/threshold)) of the outermost centre, the four together are less.
+        formula("metaballs",
+                "threshold - exp(-((x - distance)^2 + (y - distance)^2 + (z - distance)^2)/radius^2)"
+                " - exp(-((x - distance)^2 + (y + distance)^2 + (z + distance)^2)/radius^2)"
+                " - exp(-((x + distance)^2 + (y - distance)^2 + (z + distance)^2)/radius^2)"
+                " - exp(-((x + distance)^2 + (y + distance)^2 + (z - distance)^2)/radius^2)",
+                {{"distance", 0.5}, {"radius", 0.6}, {"threshold", 0.5, 0, 4}},
+                "[-h, h]^3, h = distance + radius sqrt(log(4/threshold))",
+                {"-distance - radius*sqrt(log(4/threshold))", "-distance - radius*sqrt(log(4/threshold))",
+                 "-distance - radius*sqrt(log(4/threshold))", "distance + radius*sqrt(log(4/threshold))",
+                 "distance + radius*sqrt(log(4/threshold))", "distance + radius*sqrt(log(4/threshold))"}),
         // The three minimal surfaces' level sets, one period of each.
         formula("gyroid",
                 "sin(2*pi/period*x)*cos(2*pi/period*y) + sin(2*pi/period*y)*cos(2*pi/period*z)"

@@ -11,6 +11,7 @@
 #pragma GCC diagnostic push
 #pragma GCC diagnostic ignored "-Wconversion"
 #pragma GCC diagnostic ignored "-Wsign-conversion"
+#include <boost/math/distributions/students_t.hpp>
 #include <boost/math/special_functions/beta.hpp>
 #include <boost/math/special_functions/erf.hpp>
 #include <boost/math/special_functions/gamma.hpp>
@@ -62,6 +63,10 @@ std::optional<TestResult> chi2_of(std::span<const std::int64_t> counts, auto sha
 double sidak_level(double family_level, double tests) {
     assert(family_level > 0 && family_level < 1 && tests >= 1);
     return -std::expm1(std::log1p(-family_level) / tests);
+}
+
+double student_critical_value(double level, double dof) {
+    return boost::math::quantile(boost::math::complement(boost::math::students_t(dof), 0.5 * level));
 }
 
 double normal_critical_value(double level) { return -normal_quantile(0.5 * level); }

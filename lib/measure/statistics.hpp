@@ -14,6 +14,8 @@ namespace pellucid {
 
 /// The |z| that a standard normal exceeds with probability `level` (both tails together), (0, 1).
 [[nodiscard]] double normal_critical_value(double level);
+/// The same for Student's t with `dof` > 0 degrees of freedom.
+[[nodiscard]] double student_critical_value(double level, double dof);
 
 /// The |z| above which one of `tests` two-sided tests is significant at the level of the whole family.
 [[nodiscard]] double sidak_critical_value(double family_level, double tests);

@@ -29,7 +29,7 @@ std::optional<std::string> refusal_of_surface_methods(const Scene& scene) {
     for (const Surface& surface : scene.surfaces) {
         if (!has_geometry(surface.shape))
             return fmt::format(
-                "surface \"{}\": of the kinds it draws implicit, mesh, rectangle and trilinear isosurface", surface.name);
+                "surface \"{}\": of the kinds it draws implicit, expression, mesh, points, rectangle and isosurface", surface.name);
         if (!surface.contours.empty()) return fmt::format("surface \"{}\": it has contours", surface.name);
     }
     return std::nullopt;

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <memory>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
@@ -21,20 +22,19 @@ namespace {
 
 [[nodiscard]] SourceSettings read_source_settings(const RenderInput& input) {
     SourceSettings s;
-    using Start = WalkSettings::Start;
     const ConfigTable walk = input.settings.table("walk");
-    s.walk.step = walk.number("step", s.walk.step, within(0, 0.25));
-    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = 1 << 20}));
+    if (walk.has("step")) s.walk.step = walk.number("step", kRequired, {.lo = 0, .hi = 1, .lo_open = true});
+    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = kMostWalkers}));
     s.walk.thinning = static_cast<std::uint32_t>(walk.integer("thinning", s.walk.thinning, {.lo = 1, .hi = 1 << 20}));
-    s.walk.burn_in = static_cast<std::uint32_t>(walk.integer("burn_in", s.walk.burn_in, {.lo = 0, .hi = 1 << 20}));
     s.walk.drift = walk.boolean("drift", s.walk.drift);
-    s.walk.start = walk.choice<Start>("start", s.walk.start, {{"uniform", Start::uniform}, {"single", Start::single}});
+    s.walk.start = walk.choice<WalkSettings::Start>(
+        "start", s.walk.start, {{"uniform", WalkSettings::Start::uniform}, {"single", WalkSettings::Start::single}});
     const ConfigTable mesh = input.settings.table("mesh");
     s.mesh_cells = static_cast<int>(mesh.integer("cells", s.mesh_cells, {.lo = 2, .hi = kMostMeshCells}));
     s.mesh_error_px = mesh.number("error_px", s.mesh_error_px, within(0, 16));
     s.octree_cells = static_cast<int>(
         input.settings.table("octree").integer("cells", s.octree_cells, {.lo = 2, .hi = kMostMeshCells}));
-    s.counting_spheres = input.settings.choice<int>("opacity_control", 0, {{"exact", 0}, {"counting-spheres", 1}}) == 1;
+    s.counting_spheres = input.settings.choice<bool>("opacity_control", false, {{"exact", false}, {"counting-spheres", true}});
     const ConfigTable counting = input.settings.table("counting");
     s.counting.spheres = static_cast<std::uint32_t>(counting.integer("spheres", s.counting.spheres, {.lo = 1, .hi = 1 << 16}));
     s.counting.radius = counting.number("radius", s.counting.radius, at_least(0));
@@ -50,12 +50,17 @@ namespace {
         s.first_repeat = range.first;
         s.repeats = range.end - range.first;
     }
-    s.kind = input.settings.choice<SamplerKind>("sampler", SamplerKind::lines,
-                                                {{"lines", SamplerKind::lines},
-                                                 {"brownian", SamplerKind::brownian},
-                                                 {"mesh", SamplerKind::mesh},
-                                                 {"octree", SamplerKind::octree}});
+    std::vector<std::string> names;
+    for (const auto& [name, kind] : sampler_names()) names.emplace_back(name);
+    const std::string sampler = input.settings.one_of("sampler", names.front(), names);
+    for (const auto& [name, kind] : sampler_names())
+        if (sampler == name) s.kind = kind;
     s.source = read_source_settings(input);
+    s.oversampling = static_cast<std::uint32_t>(input.settings.integer("oversampling", s.oversampling, {.lo = 1, .hi = 1024}));
+    if (input.settings.has("group"))
+        s.group = static_cast<std::uint32_t>(input.settings.integer("group", kRequired, {.lo = 1, .hi = 65536}));
+    if (s.kind == SamplerKind::stratified && input.shard)
+        throw input_error("particles.sampler = \"stratified\" with --shard: its repeats belong together");
     s.sampler.trials = input.settings.choice<TrialLaw>(
         "count", TrialLaw::poisson, {{"poisson", TrialLaw::poisson}, {"binomial", TrialLaw::binomial}});
     s.sampler.lines = input.settings.choice<LineMode>("lines", LineMode::exact,
@@ -112,20 +117,94 @@ namespace {
     return static_cast<std::uint32_t>(std::min(whole, static_cast<double>(settings.repeats)));
 }
 
-/// Largest estimated standard error of a channel's mean.
-[[nodiscard]] double largest_error(const EnsembleSums& sums) {
-    const auto n = static_cast<double>(sums.repeats);
-    if (n < 2) return kInfinity;
+/// Squared standard error of a pixel's worst channel, as estimated.
+[[nodiscard]] double squared_error(const EnsembleSums& sums, std::size_t pixel) {
     double worst = 0;
-    for (std::size_t i = 0; i < sums.pixels.size(); ++i) {
-        for (int c = 0; c < 3; ++c) worst = std::max(worst, sums.variance_of_mean(i, c));
-        // A pixel hit in none or in all of the repeats seems to have no error at all. Laplace's estimate of
-        // its share, (hits + 1)/(repeats + 2), does not believe that before 1/n is small.
-        const double share = (sums.pixels[i].covered + 1.0) / (n + 2);
-        worst = std::max(worst, share * (1 - share) / n);
-    }
-    return std::sqrt(worst);
+    for (int c = 0; c < 3; ++c) worst = std::max(worst, sums.variance_of_mean(pixel, c));
+    // A pixel hit in none or in all of the repeats seems to have no error at all. Laplace's estimate of
+    // its share, (hits + 1)/(repeats + 2), does not believe that before 1/n is small.
+    const double n = sums.repeats_of(pixel);
+    const double covered = sums.pixels[pixel].covered;
+    const double share = (covered + 1) / (n + 2);
+    const bool grouped = !sums.group_squares.empty();  // elsewhere better than any independent repeats
+    if (!grouped || covered == 0 || covered == n) worst = std::max(worst, share * (1 - share) / n);
+    return worst;
 }
+
+/// Tiles stop one by one, each once its largest standard error is what was asked for.
+class AdaptiveTiles {
+public:
+    AdaptiveTiles(const Camera& camera, double max_error)
+        : mask_(camera.width(), camera.height()),
+          camera_(camera),
+          max_error_(max_error),
+          repeats_(mask_.active.size(), 0),
+          groups_(mask_.active.size(), 0) {}
+
+    /// Ends the tiles that are good enough by now.
+    void update(const EnsembleSums& sums) {
+        parallel_for(mask_.active.size(), 1, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t tile = begin; tile < end; ++tile) {
+                if (mask_.active[tile] == 0) continue;
+                repeats_[tile] = static_cast<std::uint32_t>(sums.repeats);
+                groups_[tile] = sums.groups;
+                if (largest_error(sums, tile) <= max_error_) mask_.active[tile] = 0;
+            }
+        });
+    }
+    [[nodiscard]] bool done() const { return !mask_.any(); }
+    [[nodiscard]] std::shared_ptr<const TileMask> mask() const { return std::make_shared<TileMask>(mask_); }
+    [[nodiscard]] std::size_t left() const {
+        return static_cast<std::size_t>(std::ranges::count(mask_.active, std::uint8_t{1}));
+    }
+    [[nodiscard]] std::size_t size() const { return mask_.active.size(); }
+    /// Largest error of the tiles that are not done.
+    [[nodiscard]] double largest_error(const EnsembleSums& sums) const {
+        double worst = 0;
+        for (std::size_t tile = 0; tile < mask_.active.size(); ++tile)
+            if (mask_.active[tile] != 0) worst = std::max(worst, largest_error(sums, tile));
+        return worst;
+    }
+    /// Tells the sums how often each pixel was drawn.
+    void write(EnsembleSums& sums) const {
+        sums.pixel_repeats.resize(sums.pixels.size());
+        if (!sums.group_squares.empty()) sums.pixel_groups.resize(sums.pixels.size());
+        const auto width = static_cast<std::size_t>(camera_.width());
+        for (std::size_t pixel = 0; pixel < sums.pixels.size(); ++pixel) {
+            const std::size_t tile = mask_.grid.tile(static_cast<int>(pixel % width), static_cast<int>(pixel / width));
+            sums.pixel_repeats[pixel] = repeats_[tile];
+            if (!sums.pixel_groups.empty()) sums.pixel_groups[pixel] = groups_[tile];
+        }
+    }
+
+private:
+    /// Groups are few, and the largest of many estimates by few is luck: their squares are averaged over blocks of
+    /// 4 x 4 pixels.
+    [[nodiscard]] double largest_error(const EnsembleSums& sums, std::size_t tile) const {
+        const int step = sums.group_squares.empty() ? 1 : 4;
+        const auto x0 = static_cast<int>(mask_.grid.column_of(tile, 0));
+        const auto y0 = static_cast<int>(mask_.grid.row_of(tile, 0));
+        const int x1 = std::min(x0 + twin::kTileSide, camera_.width());
+        const int y1 = std::min(y0 + twin::kTileSide, camera_.height());
+        double worst = 0;
+        for (int y = y0; y < y1; y += step)
+            for (int x = x0; x < x1; x += step) {
+                double sum = 0;
+                int count = 0;
+                for (int v = y; v < std::min(y + step, y1); ++v)
+                    for (int u = x; u < std::min(x + step, x1); ++u, ++count)
+                        sum += squared_error(sums, static_cast<std::size_t>(v) * static_cast<std::size_t>(camera_.width()) +
+                                                       static_cast<std::size_t>(u));
+                worst = std::max(worst, sum / count);
+            }
+        return std::sqrt(worst);
+    }
+
+    TileMask mask_;
+    const Camera& camera_;
+    double max_error_;
+    std::vector<std::uint32_t> repeats_, groups_;
+};
 
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
@@ -163,6 +242,17 @@ namespace {
 
 }  // namespace
 
+std::span<const std::pair<std::string_view, SamplerKind>> sampler_names() {
+    static constexpr std::pair<std::string_view, SamplerKind> kNames[] = {
+        {"lines", SamplerKind::lines},
+        {"stratified", SamplerKind::stratified},
+        {"brownian", SamplerKind::brownian},
+        {"mesh", SamplerKind::mesh},
+        {"octree", SamplerKind::octree},
+    };
+    return kNames;
+}
+
 EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& settings, RenderStats& stats,
                             const std::function<void(double)>& progress) {
     if (!(brightest_color(scene) <= kMostParticleColor))
@@ -179,34 +269,50 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     // First the drawer: a device that is too small says so before the host fills its memory.
     const std::unique_ptr<ParticleDrawer> drawer = settings.backend.make_particle_drawer(scene);
     EnsembleSums sums = make_sums(scene);
-    // With an error to reach, the number of repeats doubles until it is reached: a rule that does not
+    // With an error to reach, the number of repeats doubles until it is reached, tile by tile: a rule that does not
     // depend on memory or threads, so neither does the image.
+    std::optional<AdaptiveTiles> tiles;
+    if (settings.max_error) tiles.emplace(scene.camera, *settings.max_error);
+    SamplerSettings sampler = settings.sampler;
+    if (settings.kind == SamplerKind::stratified)
+        sampler.stratify = StratifySettings{
+            settings.group.value_or(default_group(sources, settings.repeats, settings.oversampling)), settings.oversampling};
+    const std::uint32_t unit = sampler.stratify ? sampler.stratify->group : 1;
+    EnsembleSums group_sums{0, sums.units};
     std::uint32_t done = 0;
-    std::uint32_t goal = settings.max_error ? std::min(16U, settings.repeats) : settings.repeats;
+    std::uint32_t goal = tiles ? std::min(std::max(16U, 2 * unit), settings.repeats) : settings.repeats;
     while (done < settings.repeats) {
-        const std::uint32_t count = std::min(batch, goal - done);
-        const ParticleSet set =
-            sample_particles(scene, sources, settings.sampler, settings.first_repeat + done, count);
+        const std::uint32_t count = std::min(sampler.stratify ? unit : batch, goal - done);
+        const ParticleSet set = sample_particles(scene, sources, sampler, settings.first_repeat + done, count);
         sampling.wall_s += watch.lap();
         sampling.bytes = std::max(sampling.bytes, static_cast<std::int64_t>(set.bytes()));
-        drawer->draw(set, sums);
+        if (sampler.stratify) {
+            group_sums = EnsembleSums(sums.pixels.size(), sums.units);
+            drawer->draw(set, group_sums);
+            sums.add_group(group_sums);
+        } else {
+            drawer->draw(set, sums);
+        }
         drawing.wall_s += watch.lap();
         done += count;
         progress(static_cast<double>(done) / settings.repeats);
-        if (done < goal) continue;
-        if (settings.max_error && largest_error(sums) <= *settings.max_error) break;
+        if (!tiles || done < goal) continue;
+        tiles->update(sums);
+        if (tiles->done()) break;
+        sampler.tiles = tiles->mask();
         goal = std::min(settings.repeats, 2 * goal);
     }
-    if (settings.max_error && largest_error(sums) > *settings.max_error)
-        warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for",
-             largest_error(sums), settings.repeats, *settings.max_error);
+    if (tiles && !tiles->done())
+        warn("the largest standard error is {:.3g} after particles.repeats = {}, {} was asked for: in {} of {} tiles",
+             tiles->largest_error(sums), settings.repeats, *settings.max_error, tiles->left(), tiles->size());
+    if (tiles) tiles->write(sums);
     drawing.bytes =
         drawer->bytes() + static_cast<std::int64_t>(sums.pixels.size() * sizeof(EnsembleSums::Pixel));
     stats.particles = sums.particles;
     stats.repeats = sums.repeats;
     for (const auto& source : sources) {
         stats.isolation += source->isolation();
-        if (const std::string remark = source->remark(); !remark.empty()) warn("{}", remark);
+        if (const std::string complaint = source->complaint(); !complaint.empty()) warn("{}", complaint);
     }
     stats.stages.insert(stats.stages.end(), {cutting, sampling, drawing});
     // What the device's clock says of parts of the drawing; their wall time is in "project and average".
@@ -227,19 +333,23 @@ Method particles_method() {
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
-             "\"lines\": random lines along the edges of boxes and cells, points of triangles; \"brownian\": a walk on "
-             "f = 0; \"mesh\", \"octree\": points of triangles that stand for f = 0"},
-            {"particles.walk.step", "0", "brownian: sqrt(2 dt), share of the surface's width; 0: 1e-2, or 0.3 of a cell"},
-            {"particles.walk.walkers", "1024", "brownian: of a repeat"},
-            {"particles.walk.thinning", "1", "brownian: every so many-th position is kept"},
-            {"particles.walk.burn_in", "0", "brownian: steps before the first position"},
-            {"particles.walk.drift", "true", "brownian: dx^(S) of the paper's (2)"},
-            {"particles.walk.start", "\"uniform\"", "brownian: \"uniform\" places, or \"single\": one place a repeat"},
-            {"particles.mesh.cells", "128", "mesh: along the longest edge of the bounds"},
+             "\"lines\": random lines along the edges of boxes and cells, points of triangles; \"stratified\": the same, "
+             "at most one particle of an object in a pixel and repeats that make up for each other; "
+             "\"brownian\": a walk on f = 0 (equations 2 and 3); \"mesh\", \"octree\": points of triangles that stand for "
+             "f = 0"},
+            {"particles.group", "a quarter of repeats", "stratified: repeats that share their candidates"},
+            {"particles.oversampling", "8", "stratified: candidates for each particle of independent repeats"},
+            {"particles.walk.step", "0.01, or 0.3 of a cell",
+             "brownian: sqrt(2 dt) as a share of the surface's width; of a cell's where volumes or points give no step"},
+            {"particles.walk.walkers", "256", "brownian: walkers of a repeat"},
+            {"particles.walk.thinning", "1", "brownian: every k-th position is kept"},
+            {"particles.walk.drift", "true", "brownian: dx^(S) of equation (3)"},
+            {"particles.walk.start", "\"uniform\"", "brownian: each walker at a uniform place, or all at a \"single\" one"},
+            {"particles.mesh.cells", "128", "mesh: along the longest edge of the bounds (meshes are taken as they are)"},
             {"particles.mesh.error_px", "0", "mesh: in place of cells, largest distance from the surface; 0: cells"},
             {"particles.octree.cells", "128", "octree: leaves along the longest edge of the bounds"},
             {"particles.opacity_control", "\"exact\"",
-             "\"exact\": particles by area; \"counting-spheres\": until spheres on the surface hold enough"},
+             "\"exact\": particles by area; \"counting-spheres\": until spheres on the surface hold enough, as in the paper"},
             {"particles.counting.spheres", "100", "counting-spheres: how many"},
             {"particles.counting.radius", "0", "counting-spheres: scene units; 0: 2 % of the surface's size, 4 pixels at least"},
             {"particles.lines", "\"exact\"",

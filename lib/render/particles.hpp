@@ -4,6 +4,9 @@
 #include <cstdint>
 #include <functional>
 #include <optional>
+#include <span>
+#include <string_view>
+#include <utility>
 
 #include "render/method.hpp"
 #include "sample/particle_sampler.hpp"
@@ -15,15 +18,21 @@ struct ParticleSettings {
     std::uint32_t repeats = 500;  // L_R
     std::uint32_t first_repeat = 0;  // of a shard
     SamplerKind kind = SamplerKind::lines;
-    SourceSettings source{};  // its seed is sampler.seed
+    SourceSettings source{};               // what only some samplers read
     SamplerSettings sampler{};
+    std::optional<std::uint32_t> group{};  // stratified; absent: default_group
+    std::uint32_t oversampling = 8;        // stratified
     /// MiB of particles held at a time, though at least one repeat a thread: repeats are sampled, drawn and
     /// forgotten in batches.
     std::int64_t memory_mib = 1024;
-    /// Stop before `repeats` once every pixel's estimated standard error is at most this.
+    /// A tile is done before `repeats` once all of its pixels' estimated standard errors are at most this. The number of
+    /// repeats doubles from one look to the next, and an estimate that decides when to stop is a little too small.
     std::optional<double> max_error{};
     Backend backend = Backend::cpu();
 };
+
+/// Names of `particles.sampler`, the default first.
+[[nodiscard]] std::span<const std::pair<std::string_view, SamplerKind>> sampler_names();
 
 /// Particle generation (on the CPU) → projection with occlusion → sums (on settings.backend), batch by batch.
 /// Throws Error(input) where a colour of the scene may exceed kMostParticleColor. `progress` is given the

@@ -8,9 +8,6 @@
 namespace pellucid {
 namespace {
 
-/// √(2Δt) where none is given: the largest of the paper's range of an analytic surface's width, and its share of a cell.
-constexpr double kStepOfWidth = 1e-2;
-constexpr double kStepOfCell = 0.3;
 /// Newton's method doubles the digits: from 1e-6 of the width, one step leaves 1e-12 of it times its curvature.
 constexpr double kNear = 1e-6;
 constexpr int kMostNewton = 12;
@@ -49,7 +46,14 @@ struct TangentBasis {
 
 }  // namespace
 
-BrownianWalk::BrownianWalk(const Object& object, const WalkSettings& settings) : settings_(settings) {
+double surface_width(const FieldSurface& surface) {
+    double width = 0;
+    for (int axis = 0; axis < 3; ++axis)
+        width = std::max(width, surface.bounds.size()[axis] * length(surface.to_world.linear[axis]));
+    return width;
+}
+
+BrownianWalk::BrownianWalk(const Object& object, const WalkStep& step) : step_(step) {
     const FieldSurface surface = *object.geometry->field_surface();
     field_ = surface.field;
     to_world_ = surface.to_world;
@@ -66,12 +70,8 @@ BrownianWalk::BrownianWalk(const Object& object, const WalkSettings& settings) :
             if (!(std::abs(square[i][j] - (i == j ? scale * scale : 0)) <= 1e-12 * scale * scale)) isometric_ = false;
     const double to_inner = isometric_ ? 1 / scale : 1;
 
-    const Vec3 size = surface.bounds.size();
-    double width = 0;
-    for (int axis = 0; axis < 3; ++axis) width = std::max(width, size[axis] * length(m[axis]));
-    const double cell = surface.cell_width * std::cbrt(std::abs(to_world_.determinant()));
-    step_length_ = settings.step > 0 ? settings.step * width : cell > 0 ? kStepOfCell * cell : kStepOfWidth * width;
-    inner_step_ = step_length_ * to_inner;
+    const double width = surface_width(surface);
+    inner_step_ = step.length * to_inner;
     near_ = kNear * width * to_inner;
     reach_ = kReachOfSteps * inner_step_;
     hair_ = kHair * width * to_inner;
@@ -196,25 +196,25 @@ bool BrownianWalk::fold_back(Walker& walker) const {
         const Vec3 back = (-2 * most / square) * across;
         if (!(dot(back, back) <= 4 * reach_ * reach_)) return false;
         walker.at += inner(back);
-        if (settings_.correct ? !settle(walker) : false) return false;
+        if (step_.corrected && !settle(walker)) return false;
     }
     return inside(walker.at);
 }
 
-bool BrownianWalk::advance(Walker& walker, Seed seed, const DrawKey& key) const {
+WalkOutcome BrownianWalk::advance(Walker& walker, Seed seed, const DrawKey& key) const {
     const auto bits = random_bits(seed, key);
     const double square = dot(walker.gradient, walker.gradient);
     const Vec3 n = walker.gradient / std::sqrt(square);
-    const double scale = inner_step_ * std::sqrt(settings_.noise_variance);
+    const double scale = inner_step_ * std::sqrt(step_.noise);
     const TangentBasis basis(n);
     Vec2 noise = gaussian_pair(bits[0], bits[1]);
 
     Vec3 fixed(0.0);
-    if (!settings_.project) {
+    if (!step_.projected) {
         const auto more = random_bits(seed, {key.object, key.repeat, key.index, 1});
         fixed += (scale * gaussian_pair(more[0], more[1]).x) * n;
     }
-    if (settings_.drift) {
+    if (step_.drift) {
         // Tr(HP) = Tr H − n·Hn, H in the metric: H_ij contracted with M⁻¹M⁻ᵀ − (M⁻¹n)(M⁻¹n)ᵀ.
         const Mat3 h = field_->jet(walker.at).hessian_matrix();
         const Vec3 in = inner(n);
@@ -233,22 +233,18 @@ bool BrownianWalk::advance(Walker& walker, Seed seed, const DrawKey& key) const 
     for (std::uint32_t redraw = 0;; ++redraw) {
         Walker moved = walker;
         moved.at += inner(scale * (noise.x * basis.first + noise.y * basis.second) + fixed);
-        if (settings_.correct) {
-            if (!settle(moved)) return false;
+        if (step_.corrected) {
+            if (!settle(moved)) return WalkOutcome::lost;
         } else {
             moved.gradient = metric(field_->gradient(moved.at));
-            if (!usable(moved.gradient)) return false;
+            if (!usable(moved.gradient)) return WalkOutcome::lost;
         }
-        if (inside(moved.at)) {
+        const bool stays_inside = inside(moved.at);
+        if (stays_inside || (step_.edge == WalkStep::Edge::fold && fold_back(moved))) {
             walker = moved;
-            return true;
+            return stays_inside ? WalkOutcome::moved : WalkOutcome::folded;
         }
-        if (settings_.edge == WalkSettings::Edge::fold) {
-            if (!fold_back(moved)) return false;
-            walker = moved;
-            return true;
-        }
-        if (redraw == kMostRedraws) return false;
+        if (step_.edge != WalkStep::Edge::redraw || redraw == kMostRedraws) return WalkOutcome::stayed_inside;
         const auto more = random_bits(seed, {key.object, key.repeat, key.index, 2 + redraw});
         noise = gaussian_pair(more[0], more[1]);
     }

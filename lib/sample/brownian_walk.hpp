@@ -24,40 +24,39 @@
 
 namespace pellucid {
 
-struct WalkSettings {
-    /// √(2Δt) as a share of the surface's width, the longest edge of its bounds; 0: 1e-2, or 0.3 of a cell's width
-    /// where the field comes in cells.
-    double step = 0;
-    std::uint32_t walkers = 1024;  // of a repeat
-    std::uint32_t thinning = 1;    // every so many-th position is kept
-    std::uint32_t burn_in = 0;     // steps before the first
-    bool drift = true;             // dx^(S)
-    enum class Start { uniform, single } start = Start::uniform;  // single: all of a repeat from one place
-
-    /// Wrong twins, for tests and experiments that must reject them; no setting of users.
-    bool project = true;        // false: dw for P dw
-    bool correct = true;        // false: no way back to the surface
-    double noise_variance = 1;  // of what (3) says
-    enum class Edge { fold, redraw } edge = Edge::fold;  // redraw: until a step ends inside; half the density at edges
+struct WalkStep {
+    double length = 0;  // √(2Δt), world
+    bool drift = true;  // dx^(S)
+    // Wrong twins, for tests that must reject them.
+    bool projected = true;  // P in front of dw
+    bool corrected = true;  // back to the surface
+    double noise = 1;       // times the variance of dw
+    /// At the surface's edges. stay: a step that would leave is not made; the same law, but particles that come twice, so
+    /// that fewer pixels are covered beside an edge. redraw: until a step ends inside, half the density at edges: wrong.
+    enum class Edge { fold, stay, redraw } edge = Edge::fold;
 };
+
+/// The surface's width: the longest side of its bounds in the world.
+[[nodiscard]] double surface_width(const FieldSurface& surface);
+
+enum class WalkOutcome : std::uint8_t { moved, folded, stayed_inside, lost };
 
 class BrownianWalk {
 public:
     /// Precondition: geometry->field_surface() has a value. The object must outlive the walk.
-    BrownianWalk(const Object& object, const WalkSettings& settings);
+    BrownianWalk(const Object& object, const WalkStep& step);
 
     struct Walker {
         Vec3 at{0.0};        // object space
         Vec3 gradient{0.0};  // there, in the metric of `metric`
     };
-    /// √(2Δt), world.
-    [[nodiscard]] double step_length() const { return step_length_; }
     [[nodiscard]] Vec3 world(const Walker& walker) const { return to_world_.point(walker.at); }
     [[nodiscard]] Vec3 world_normal(const Walker& walker) const;
     /// A walker on the surface near a world place; false where none is found.
     [[nodiscard]] bool put(const Vec3& place, Walker& walker) const;
-    /// One step. False where the walker stays because it found no way back to the surface, or into its bounds.
-    [[nodiscard]] bool advance(Walker& walker, Seed seed, const DrawKey& key) const;
+    /// One step by block 0 of the key (twins: 1 and more). Unless it is made the walker stays: `lost` found no way back to
+    /// the surface, `stayed_inside` none back from an edge.
+    [[nodiscard]] WalkOutcome advance(Walker& walker, Seed seed, const DrawKey& key) const;
 
     /// For code that takes many steps at once (brownian_simd.cpp).
     [[nodiscard]] const ScalarField& field() const { return *field_; }
@@ -66,7 +65,7 @@ public:
     [[nodiscard]] double inner_step() const { return inner_step_; }
     [[nodiscard]] double reach() const { return reach_; }
     [[nodiscard]] bool open() const { return !planes_.empty(); }
-    [[nodiscard]] const WalkSettings& settings() const { return settings_; }
+    [[nodiscard]] const WalkStep& step() const { return step_; }
 
 private:
     /// Keeps normal·u <= offset, object space; |gradient of the plane in the metric| = 1.
@@ -83,11 +82,11 @@ private:
     [[nodiscard]] bool inside(const Vec3& at) const;
 
     const ScalarField* field_;
-    WalkSettings settings_;
+    WalkStep step_;
     Affine to_world_, to_object_;
     Mat3 inverse_, inverse_transposed_;
     bool isometric_ = false;  // but for its scale
-    double step_length_ = 0, inner_step_ = 0;
+    double inner_step_ = 0;
     double near_ = 0;   // this far from the surface one step of Newton's more is enough
     double reach_ = 0;  // farthest way back to the surface
     double hair_ = 0;   // beyond an edge

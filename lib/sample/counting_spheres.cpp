@@ -11,6 +11,7 @@ namespace pellucid {
 namespace {
 
 constexpr double kMostParticles = 0x1p28;
+constexpr std::uint64_t kMostCenterTrials = std::uint64_t{1} << 24U;
 /// Particles are made in lots, and the last lot is made again in parts: some 1 % of all at a time.
 constexpr double kParticlesALot = 0x1p17;
 constexpr std::uint64_t kSphereSeed = 0x5fe7'e5ULL;
@@ -59,8 +60,8 @@ private:
 
 }  // namespace
 
-OpacityControl control_by_counting(const UniformPlaces& surface, const UniformPlaces::Area& area, double opacity,
-                                   double pixel_area, const CountingSpheres& spheres, double size, Seed seed) {
+OpacityControl control_by_counting(const UniformPoints& surface, double opacity, double pixel_area,
+                                   const CountingSpheres& spheres, double size, Seed seed) {
     OpacityControl result;
     result.wished = opacity;
     result.pixel_area = pixel_area;
@@ -73,15 +74,15 @@ OpacityControl control_by_counting(const UniformPlaces& surface, const UniformPl
     result.exact_opacity = opacity;
 
     std::vector<Vec3> centers;
-    for (std::uint32_t i = 0; i < spheres.spheres; ++i)
-        if (const auto place = surface.place(derived_seed(seed, kSphereSeed), 0, i)) centers.push_back(place->at);
-    if (centers.empty() || !(area.value > 0)) {
+    for (std::uint64_t i = 0; surface.area() > 0 && centers.size() < spheres.spheres && i < kMostCenterTrials; ++i)
+        if (const auto place = surface.point(derived_seed(seed, kSphereSeed), 0, i)) centers.push_back(*place);
+    if (centers.empty()) {
         result.counted_density = result.exact_density;
         result.counted_opacity = opacity;
         return result;
     }
     const double wished_in_all = wished_in_sphere * static_cast<double>(centers.size());
-    const double expected = wished_in_sphere * area.value / great_circle;
+    const double expected = wished_in_sphere * surface.area() / great_circle;
     const SphereGrid grid(std::move(centers), result.radius);
     std::uint64_t counted = 0;
     double made = 0;
@@ -89,7 +90,7 @@ OpacityControl control_by_counting(const UniformPlaces& surface, const UniformPl
         // By lots of some hundredth of what is still missing, by the count so far or, without one, by a plane's.
         const double missing = counted > 0 ? made * (wished_in_all / static_cast<double>(counted) - 1) : expected;
         const double mean = std::clamp(counted > 0 ? missing : 0.25 * expected, std::min(16.0, expected), kParticlesALot);
-        const std::vector<Vec3> places = surface.poisson(derived_seed(seed, kParticleSeed), lot, mean, area);
+        const std::vector<Vec3> places = surface.poisson(derived_seed(seed, kParticleSeed), lot, mean);
         const double before = static_cast<double>(counted);
         for (const Vec3& place : places) counted += grid.holding(place);
         made += static_cast<double>(places.size());
@@ -101,7 +102,7 @@ OpacityControl control_by_counting(const UniformPlaces& surface, const UniformPl
         }
     }
     result.particles = static_cast<std::uint64_t>(std::max(1.0, made));
-    result.counted_density = std::max(1.0, made) / area.value;
+    result.counted_density = std::max(1.0, made) / surface.area();
     result.counted_opacity = -std::expm1(-result.counted_density * pixel_area);
     result.mean_area_ratio = wished_in_sphere / (result.counted_density * great_circle);
     return result;
@@ -124,6 +125,7 @@ public:
     [[nodiscard]] double block_virtual_pixels(std::size_t block) const override {
         return source_->block_virtual_pixels(block);
     }
+    [[nodiscard]] std::optional<Box> block_bounds(std::size_t block) const override { return source_->block_bounds(block); }
     void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
                          std::vector<Point>& out) const override {
         source_->trials_in_block(block, seed, repeat, first, count, out);
@@ -139,7 +141,7 @@ public:
     }
     [[nodiscard]] std::size_t piece_count() const override { return source_->piece_count(); }
     [[nodiscard]] std::size_t bytes() const override { return source_->bytes(); }
-    [[nodiscard]] std::string remark() const override { return source_->remark(); }
+    [[nodiscard]] std::string complaint() const override { return source_->complaint(); }
     [[nodiscard]] IsolationStats isolation() const override { return source_->isolation(); }
 
 private:
@@ -153,8 +155,7 @@ std::unique_ptr<const ParticleSource> counted_source(std::unique_ptr<const Parti
                                                      const Camera& camera, const CountingSpheres& spheres, Seed seed) {
     const ViewThinning view(object, camera);
     if (!(source->virtual_pixels() > 0) || !view.least_pixel_area() || !(object.surface.opacity > 0)) return source;
-    const UniformPlaces places(object);
-    const UniformPlaces::Area area = places.area();
+    const UniformPoints places(object, source->object_id());
     const double size = length(object.geometry->bounds().size());
     const double opacity = std::min(object.surface.opacity, kMostParticleOpacity);
     const double s = *view.least_pixel_area();
@@ -163,7 +164,7 @@ std::unique_ptr<const ParticleSource> counted_source(std::unique_ptr<const Parti
                           "more than {:.3g}",
                           spheres.radius, source->label(), std::sqrt(s / M_PI));
     const OpacityControl control =
-        control_by_counting(places, area, opacity, s, spheres, size, derived_seed(seed, source->object_id()));
+        control_by_counting(places, opacity, s, spheres, size, derived_seed(seed, source->object_id()));
     // Of all particles as of those where the surface is nearest: thinning by the view is not the spheres' affair.
     const double factor = control.counted_density / control.exact_density;
     const double optical_depth = factor * source->optical_depth();

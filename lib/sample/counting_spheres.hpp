@@ -14,7 +14,7 @@
 
 #include "core/random.hpp"
 #include "sample/particle_source.hpp"
-#include "sample/surface_places.hpp"
+#include "sample/uniform_points.hpp"
 
 namespace pellucid {
 
@@ -42,9 +42,8 @@ struct OpacityControl {
 
 /// Particles of the surface are counted until n reaches (1)'s; 1/√(n·spheres) of the density is noise. At least one and
 /// at most 2^28 particles. Precondition: 0 < opacity < 1, S > s.
-[[nodiscard]] OpacityControl control_by_counting(const UniformPlaces& surface, const UniformPlaces::Area& area,
-                                                 double opacity, double pixel_area, const CountingSpheres& spheres,
-                                                 double size, Seed seed);
+[[nodiscard]] OpacityControl control_by_counting(const UniformPoints& surface, double opacity, double pixel_area,
+                                                 const CountingSpheres& spheres, double size, Seed seed);
 
 /// A source that gives an object as many particles as counting spheres say. Without any area in view: as it was.
 [[nodiscard]] std::unique_ptr<const ParticleSource> counted_source(std::unique_ptr<const ParticleSource> source,

@@ -335,7 +335,7 @@ double LineSampler::add_boxes(const ImplicitPatch& patch, const Box& box, int de
         box_count_ = boxes_before;
     }
     for (std::size_t a = 0; a < 3; ++a)
-        if (weights[a] > 0) blocks_.push_back({Kind::box, static_cast<int>(a), lines[a].labels, 0, weights[a], {}, lines[a]});
+        if (weights[a] > 0) blocks_.push_back({Kind::box, static_cast<int>(a), lines[a].labels, 0, 1, weights[a], {}, lines[a]});
     ++box_count_;
     return whole;
 }
@@ -451,7 +451,7 @@ void LineSampler::add_blocks(Kind kind, int axis, int labels, std::size_t offset
         const auto block = weights.subspan(first, std::min(kBlockPieces, weights.size() - first));
         double sum = 0;
         for (const double w : block) sum += w;
-        if (sum > 0) blocks_.push_back({kind, axis, labels, offset + first, sum, AliasTable(block), {}});
+        if (sum > 0) blocks_.push_back({kind, axis, labels, offset + first, block.size(), sum, AliasTable(block), {}});
     }
 }
 
@@ -905,6 +905,51 @@ void LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64
 }
 
 // ---- fast mode
+
+std::optional<Box> LineSampler::block_bounds(std::size_t block) const {
+    const Block& b = blocks_[block];
+    Box bounds;
+    const auto include = [&](const Body& body) {
+        std::array<Vec3, 8> corners;
+        const int count = body.vertices(corners);
+        for (int i = 0; i < count; ++i) bounds.include(corners[static_cast<std::size_t>(i)]);
+    };
+    for (std::size_t i = b.first; i < b.first + b.count; ++i) {
+        switch (b.kind) {
+            case Kind::flat_patches:
+            case Kind::flat_parts: {
+                const FlatBlock flats = flat_block(b);
+                const std::uint32_t* corner = flats.triangles + std::size_t{3} * flats.pieces[i - b.first].triangle;
+                const auto position = [&](std::size_t k) {
+                    const double* p = flats.positions + std::size_t{3} * corner[k];
+                    return Vec3(p[0], p[1], p[2]);
+                };
+                include({Body::Kind::parallelogram, position(0), {position(1) - position(0), position(2) - position(0), Vec3(0.0)}});
+                break;
+            }
+            case Kind::cells: {
+                const Vec3 base(cells_[i].base[0], cells_[i].base[1], cells_[i].base[2]);
+                include(body_of({base, base + Vec3(1.0)}, to_world_));
+                break;
+            }
+            case Kind::box: {
+                const Vec3 lo = vector(b.box.lo);
+                include(body_of({lo, lo + vector(b.box.size)}, to_world_));
+                break;
+            }
+            case Kind::fields: include(body_of({vector(fields_[i].lo), vector(fields_[i].hi)}, to_world_)); break;
+            case Kind::field_lines:
+                include(body_of({vector(field_lines_[i].piece.lo), vector(field_lines_[i].piece.hi)}, to_world_));
+                break;
+            case Kind::lines: {
+                Body own;
+                include(body_of_piece(pieces_[i], own));
+                break;
+            }
+        }
+    }
+    return bounds;
+}
 
 int LineSampler::block_crossings(std::size_t block) const { return blocks_[block].labels; }
 

@@ -81,6 +81,7 @@ public:
     [[nodiscard]] double block_virtual_pixels(std::size_t block) const override {
         return blocks_[block].virtual_pixels;
     }
+    [[nodiscard]] std::optional<Box> block_bounds(std::size_t block) const override;
     [[nodiscard]] std::optional<Point> trial_in_block(std::size_t block, Seed seed, std::uint32_t repeat,
                                                       std::uint32_t index) const;
     /// Equal to `trial_in_block` to the last bit: SIMD.
@@ -111,6 +112,7 @@ private:
         int axis;
         int labels;  // K
         std::size_t first;  // of its pieces
+        std::size_t count;
         double virtual_pixels;
         AliasTable table;
         BoxLines box;

@@ -2,7 +2,6 @@
 
 #include <cmath>
 
-#include "sample/brownian_sampler.hpp"
 #include "sample/mesh_sampler.hpp"
 
 namespace pellucid {
@@ -30,7 +29,7 @@ namespace {
     switch (kind) {
         case SamplerKind::lines:
         case SamplerKind::stratified: break;
-        case SamplerKind::brownian: return std::make_unique<BrownianSampler>(object, camera, id, settings.walk);
+        case SamplerKind::brownian: return std::make_unique<BrownianSource>(object, camera, id, settings.walk);
         case SamplerKind::mesh:
             if (object.geometry->mesh() != nullptr) break;  // triangles already, which lines take as they are
             return std::make_unique<MeshSampler>(

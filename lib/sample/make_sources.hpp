@@ -5,7 +5,7 @@
 #include <span>
 #include <vector>
 
-#include "sample/brownian_walk.hpp"
+#include "sample/brownian_source.hpp"
 #include "sample/counting_spheres.hpp"
 #include "sample/line_sampler.hpp"
 #include "sample/particle_source.hpp"
@@ -17,7 +17,7 @@ namespace pellucid {
 enum class SamplerKind {
     lines,       // random lines: line_sampler.hpp
     stratified,  // the same, thinned pixel by pixel: stratify.hpp
-    brownian,    // Brownian motion on the surface: brownian_sampler.hpp
+    brownian,    // Brownian motion on f = 0: brownian_source.hpp
     mesh,        // area-weighted triangles of a tessellation: mesh_sampler.hpp, surface_mesh.hpp
     octree,      // area-weighted pieces of tangent planes in the leaves of an octree: the same
 };
@@ -25,10 +25,10 @@ enum class SamplerKind {
 /// What only some samplers read.
 struct SourceSettings {
     WalkSettings walk{};
-    int mesh_cells = 128;    // along the longest edge of the bounds
-    double mesh_error_px = 0;  // 0: mesh_cells; else cells for an error of so many pixels
+    int mesh_cells = 128;      // along the longest edge of the bounds
+    double mesh_error_px = 0;  // in place of mesh_cells, largest distance from the surface in pixels; 0: mesh_cells
     int octree_cells = 128;
-    bool counting_spheres = false;  // opacity control as in the paper
+    bool counting_spheres = false;  // opacity control as in the paper; else exact
     CountingSpheres counting{};
     Seed seed{};  // of the counting spheres
 };

@@ -21,6 +21,7 @@ public:
     [[nodiscard]] double block_virtual_pixels(std::size_t block) const override {
         return lines_->block_virtual_pixels(block);
     }
+    [[nodiscard]] std::optional<Box> block_bounds(std::size_t block) const override { return lines_->block_bounds(block); }
     void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
                          std::vector<Point>& out) const override {
         lines_->trials_in_block(block, seed, repeat, first, count, out);

@@ -2,11 +2,13 @@
 
 #include <algorithm>
 #include <cmath>
+#include <map>
 #include <random>
 
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "sample/pack_points.hpp"
+#include "sample/poisson_number.hpp"
 
 namespace pellucid {
 namespace {
@@ -27,13 +29,6 @@ namespace {
     return static_cast<std::uint64_t>(whole) + (unit_interval(random()) < one_more ? 1 : 0);
 }
 
-[[nodiscard]] std::uint32_t poisson_number(double mean, RandomStream& random) {
-    const std::uint64_t number = std::poisson_distribution<std::uint64_t>(mean)(random);
-    if (number > 0xffffffffU)
-        throw run_error("more than 2^32 trials in one repeat: lower opacity or resolution");
-    return static_cast<std::uint32_t>(number);
-}
-
 /// Trials that each block gets by the Poisson law: a Poisson number in every block is one in all.
 [[nodiscard]] double block_mean(const ParticleSource& source, std::size_t block) {
     return mean_trials(source, TrialLaw::poisson) * source.block_virtual_pixels(block) /
@@ -52,9 +47,12 @@ public:
     }
     void end() { ends_.push_back(static_cast<std::uint32_t>(particles_.size())); }
 
-    void add_block(const ParticleSource& source, std::size_t block, double mean) {
+    /// `seen`: false draws the number of trials, for those that follow, and no more.
+    void add_block(const ParticleSource& source, std::size_t block, double mean, bool seen) {
+        const std::uint32_t trials = poisson_number(mean, *counts_);
+        if (!seen) return;
         points_.clear();
-        source.trials_in_block(block, settings_.seed, repeat_, 0, poisson_number(mean, *counts_), points_);
+        source.trials_in_block(block, settings_.seed, repeat_, 0, trials, points_);
         add(points_);
     }
 
@@ -83,7 +81,8 @@ public:
         pack_points(frame_, points, painted_, std::span(particles_).subspan(before));
     }
 
-    [[nodiscard]] RepeatParticles finish(const twin::Projection& projection) const {
+    [[nodiscard]] RepeatParticles finish(const twin::Projection& projection) {
+        if (settings_.tiles) settings_.tiles->drop_others(particles_, ends_, projection);
         return sort_by_tile(particles_, ends_, projection);
     }
 
@@ -153,9 +152,34 @@ void add_dealt_lines(const ParticleSource& source, std::size_t block, const Samp
     for (std::size_t i = 0; i < builders.size(); ++i) builders[i].add(dealt[(first_built + i) % kLineGroup]);
 }
 
+/// Which blocks may have particles in the tiles that are drawn.
+class BlocksSeen {
+public:
+    BlocksSeen(const SourceRefs& sources, const Camera& camera, const TileMask* tiles) {
+        if (tiles == nullptr || std::ranges::all_of(tiles->active, [](std::uint8_t each) { return each != 0; })) return;
+        for (const ParticleSource* source : sources.all()) {
+            std::vector<std::uint8_t>& of_source = seen_[source];
+            of_source.resize(source->block_count());
+            parallel_for(of_source.size(), 1, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t block = begin; block < end; ++block) {
+                    const auto bounds = source->block_bounds(block);
+                    of_source[block] = !bounds || tiles->touches(*bounds, camera) ? 1 : 0;
+                }
+            });
+        }
+    }
+    [[nodiscard]] bool operator()(const ParticleSource& source, std::size_t block) const {
+        const auto found = seen_.find(&source);
+        return found == seen_.end() || found->second[block] != 0;
+    }
+
+private:
+    std::map<const ParticleSource*, std::vector<std::uint8_t>> seen_;  // empty: all
+};
+
 /// Consecutive repeats together, block by block: a block stays in the near cache for all of them. In fast
 /// mode they belong to one group.
-void build_repeats(const SourceRefs& sources, const SamplerSettings& settings,
+void build_repeats(const SourceRefs& sources, const SamplerSettings& settings, const BlocksSeen& seen,
                    std::uint32_t first, std::span<RepeatBuilder> builders) {
     const bool blockwise =
         settings.trials == TrialLaw::poisson && !settings.exact_count && !settings.keep_all_crossings;
@@ -172,7 +196,7 @@ void build_repeats(const SourceRefs& sources, const SamplerSettings& settings,
                     add_dealt_lines(source, block, settings, group, group_counts, builders, first);
                 } else {
                     const double mean = block_mean(source, block);
-                    for (RepeatBuilder& builder : builders) builder.add_block(source, block, mean);
+                    for (RepeatBuilder& builder : builders) builder.add_block(source, block, mean, seen(source, block));
                 }
             }
         } else {
@@ -196,15 +220,35 @@ void build_repeats(const SourceRefs& sources, const SamplerSettings& settings,
 
 }  // namespace
 
+namespace {
+
+/// Group by group; of a group that is asked for in part, the rest is dropped.
+[[nodiscard]] ParticleSet stratified_repeats(const PreparedScene& scene, const SourceRefs& sources,
+                                             const SamplerSettings& settings, std::uint32_t first, std::uint32_t count) {
+    ParticleSet set{ParticleFrame(scene.camera), static_cast<std::uint32_t>(sources.size()), {}};
+    set.repeats.reserve(count);
+    const std::uint32_t size = settings.stratify->group;
+    for (std::uint32_t begin = first / size * size; begin < first + count; begin += size) {
+        auto group = stratified_group(scene, sources, set.frame, settings.seed, *settings.stratify, begin, settings.tiles.get());
+        for (std::uint32_t i = 0; i < size; ++i)
+            if (begin + i >= first && begin + i < first + count) set.repeats.push_back(std::move(group[i]));
+    }
+    return set;
+}
+
+}  // namespace
+
 ParticleSet sample_particles(const PreparedScene& scene, const SourceRefs& sources,
                              const SamplerSettings& settings, std::uint32_t first, std::uint32_t count) {
     const bool fast = settings.lines == LineMode::fast;
     if (fast && (settings.trials != TrialLaw::poisson || settings.exact_count))
         throw input_error(
             "particles.lines = \"fast\", expected \"exact\" where the number of particles is fixed");
+    if (settings.stratify) return stratified_repeats(scene, sources, settings, first, count);
     ParticleSet set{ParticleFrame(scene.camera), static_cast<std::uint32_t>(sources.size()),
                     std::vector<RepeatParticles>(count)};
     const twin::Projection projection = set.frame.projection(scene.camera);
+    const BlocksSeen seen(sources, scene.camera, settings.tiles.get());
     const std::uint32_t run = fast ? kLineGroup : exact_run(sources, settings, count);
     const std::uint32_t offset = fast ? first % run : 0;  // of the first repeat in its run
     parallel_for((offset + count + run - 1) / run, 1, [&](std::size_t begin, std::size_t end) {
@@ -214,7 +258,7 @@ ParticleSet sample_particles(const PreparedScene& scene, const SourceRefs& sourc
             std::vector<RepeatBuilder> builders;
             for (std::uint32_t k = from; k < to; ++k)
                 builders.emplace_back(set.frame, settings, settings.same_set_in_all_repeats ? 0 : first + k);
-            build_repeats(sources, settings, first + from, builders);
+            build_repeats(sources, settings, seen, first + from, builders);
             for (std::uint32_t k = to; k-- > from; builders.pop_back())
                 set.repeats[k] = builders.back().finish(projection);
         }

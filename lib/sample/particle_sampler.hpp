@@ -2,12 +2,15 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <span>
 #include <vector>
 
 #include "sample/make_sources.hpp"
 #include "sample/particle_set.hpp"
+#include "sample/stratify.hpp"
+#include "sample/tile_mask.hpp"
 
 namespace pellucid {
 
@@ -34,6 +37,10 @@ struct SamplerSettings {
     Seed seed{};
     TrialLaw trials = TrialLaw::poisson;
     LineMode lines = LineMode::exact;
+    /// Repeats that depend on each other, in groups (stratify.hpp); then only the seed counts of the rest.
+    std::optional<StratifySettings> stratify{};
+    /// Particles elsewhere are left out; those that stay are the same. Null: the whole image.
+    std::shared_ptr<const TileMask> tiles{};
     /// Draw exactly this many particles of each object in each repeat, whatever its opacity.
     std::optional<std::uint64_t> exact_count{};
     /// Wrong twins, for tests that must reject them.

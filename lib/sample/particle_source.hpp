@@ -50,6 +50,8 @@ public:
     /// Pieces come in blocks of neighbours, which fit into a near cache together.
     [[nodiscard]] virtual std::size_t block_count() const = 0;
     [[nodiscard]] virtual double block_virtual_pixels(std::size_t block) const = 0;
+    /// Holds all of a block's points, world; empty where it is not known.
+    [[nodiscard]] virtual std::optional<Box> block_bounds(std::size_t) const { return std::nullopt; }
     /// Appends the points of trials first … first + count − 1 of a block in a repeat, in their order: functions of seed,
     /// object, repeat, block and index alone.
     virtual void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
@@ -68,8 +70,8 @@ public:
 
     [[nodiscard]] virtual std::size_t piece_count() const = 0;
     [[nodiscard]] virtual std::size_t bytes() const = 0;
-    /// What went wrong so far, a line for people; empty where nothing did.
-    [[nodiscard]] virtual std::string remark() const { return {}; }
+    /// What went wrong so far, for a warning; empty: nothing.
+    [[nodiscard]] virtual std::string complaint() const { return {}; }
     /// What fields could not decide so far.
     [[nodiscard]] virtual IsolationStats isolation() const { return {}; }
 };

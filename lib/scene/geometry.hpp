@@ -6,7 +6,9 @@
 //   rectangle  one patch                   flat body    1
 //   implicit   one patch, its bounds       box          1, 2 or 4
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
+//   … Catmull-Rom, a cell or part of one   box          9, most 1 along an axis
 //   expression a cell of an octree a patch cell         1 in most, any number in few
+//   points     a cell of an octree a patch cell         1 in most, any number in few
 #pragma once
 
 #include <array>
@@ -106,7 +108,7 @@ public:
     /// What the surface is where its lines along edges have closed-form crossings; both are empty elsewhere.
     [[nodiscard]] virtual std::optional<ImplicitPatch> implicit() const { return std::nullopt; }
     [[nodiscard]] virtual std::optional<TrilinearPatches> trilinear() const { return std::nullopt; }
-    /// The cells of a formula's surface; empty elsewhere.
+    /// The cells of a formula's or a Catmull-Rom volume's surface; empty elsewhere.
     [[nodiscard]] virtual std::optional<FieldPatches> field() const { return std::nullopt; }
     /// f = 0 as a function, where the surface is one: implicit surfaces, formulas, isosurfaces, points.
     [[nodiscard]] virtual std::optional<FieldSurface> field_surface() const { return std::nullopt; }
@@ -128,8 +130,7 @@ public:
     [[nodiscard]] virtual std::size_t bytes() const = 0;
 };
 
-/// True where this program can turn the shape into geometry (all but point sets, slices and
-/// interpolations other than trilinear).
+/// True where this program can turn the shape into geometry (all but slices and isosurfaces of "nearest").
 [[nodiscard]] bool has_geometry(const Shape& shape);
 
 /// Reads files and builds the geometry of one surface. Throws Error(input) naming surface and file.

@@ -4,6 +4,7 @@
 
 #include "core/real.hpp"
 #include "field/field_cells.hpp"
+#include "scene/cell_crossings.hpp"
 #include "scene/geometry_makers.hpp"
 
 namespace pellucid {
@@ -29,62 +30,35 @@ private:
 class FieldGeometry final : public SurfaceGeometry {
 public:
     FieldGeometry(const Expression& field, const Box& bounds, const Affine& to_world)
-        : cells_(field, bounds), to_world_(to_world), to_object_(to_world.inverse()), center_(bounds.center()) {
+        : cells_(field, bounds), placed_{&cells_, to_world, to_world.inverse(), bounds.center()} {
         for (const FieldCell& cell : cells_.cells()) {
             std::array<Vec3, 8> corners;
-            const int count = body_of(cell).vertices(corners);
+            const int count = placed_.body(cell.tight).vertices(corners);
             for (int i = 0; i < count; ++i) bounds_.include(corners[static_cast<std::size_t>(i)]);
         }
     }
 
     [[nodiscard]] std::size_t patch_count() const override { return cells_.cells().size(); }
     [[nodiscard]] int max_crossings() const override { return FieldCells::kMostRoots; }
-    [[nodiscard]] Body body(std::size_t patch) const override { return body_of(cells_.cells()[patch]); }
-
-    int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
-        out.hits.clear();
-        // Affine maps keep t. From the place nearest to the middle, which one rounding finds: however far away the
-        // line starts, the numbers below are as small as the surface.
-        const Vec3 origin = to_object_.point(line.origin);
-        const Vec3 direction = to_object_.vector(line.direction);
-        const double middle = dot(center_ - origin, direction) / dot(direction, direction);
-        Vec3 near;
-        for (int axis = 0; axis < 3; ++axis) near[axis] = std::fma(middle, direction[axis], origin[axis]);
-        thread_local std::vector<FieldRoot> roots;
-        roots.clear();
-        cells_.cross(cells_.cells()[patch], near, direction, line.t_lo - middle, line.t_hi - middle, roots, out.stats);
-        for (const FieldRoot& root : roots) {
-            // Only its direction counts, and its square must be a number.
-            const Vec3 size = glm::abs(root.gradient);
-            const double largest = std::max({size.x, size.y, size.z});
-            const Vec3 normal = to_world_.normal(largest > 0 ? root.gradient / largest : root.gradient);
-            const bool usable = dot(normal, normal) > 0 && dot(normal, normal) < kInfinity;
-            out.hits.push_back({middle + root.t, usable ? normal : -line.direction});
-        }
-        return static_cast<int>(out.hits.size());
+    [[nodiscard]] Body body(std::size_t patch) const override {
+        return placed_.body(cells_.cells()[patch].tight);
     }
 
-    [[nodiscard]] std::optional<FieldPatches> field() const override { return FieldPatches{&cells_, to_world_}; }
+    int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
+        return placed_.crossings(patch, line, out);
+    }
+
+    [[nodiscard]] std::optional<FieldPatches> field() const override { return FieldPatches{&cells_, placed_.to_world}; }
     [[nodiscard]] std::optional<FieldSurface> field_surface() const override {
-        return FieldSurface{&formula_, cells_.bounds(), to_world_};
+        return FieldSurface{&formula_, cells_.bounds(), placed_.to_world};
     }
     [[nodiscard]] Box bounds() const override { return bounds_; }
     [[nodiscard]] std::size_t bytes() const override { return sizeof(*this) + cells_.bytes(); }
 
 private:
-    [[nodiscard]] Body body_of(const FieldCell& cell) const {
-        const Box& box = cell.tight;
-        const Vec3 size = box.size();
-        return {Body::Kind::parallelepiped,
-                to_world_.point(box.lo),
-                {size.x * to_world_.linear[0], size.y * to_world_.linear[1], size.z * to_world_.linear[2]}};
-    }
-
     FieldCells cells_;
     FormulaField formula_{cells_};
-    Affine to_world_;
-    Affine to_object_;
-    Vec3 center_;
+    PlacedCells placed_;
     Box bounds_;  // of what is there, world
 };
 

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "field/iso_field.hpp"
 #include "field/polynomial.hpp"
 #include "io/volume_file.hpp"
 #include "scene/geometry_makers.hpp"
@@ -38,8 +39,9 @@ struct TrilinearCell {
 
 class IsosurfaceGeometry final : public SurfaceGeometry {
 public:
-    IsosurfaceGeometry(VoxelGrid grid, double isovalue, const Affine& to_world)
-        : grid_(std::move(grid)),
+    IsosurfaceGeometry(std::shared_ptr<const VoxelGrid> grid, double isovalue, const Affine& to_world)
+        : field_(std::make_shared<VolumeField>(grid, Interpolation::trilinear), isovalue),
+          grid_(field_.volume().grid()),
           isovalue_(isovalue),
           to_world_(compose(to_world, grid_.index_to_world)),
           to_index_(to_world_.inverse()) {
@@ -102,6 +104,9 @@ public:
     [[nodiscard]] std::optional<TrilinearPatches> trilinear() const override {
         return TrilinearPatches{isovalue_, to_world_};
     }
+    [[nodiscard]] std::optional<FieldSurface> field_surface() const override {
+        return FieldSurface{&field_, field_.volume().hull(), to_world_, 1};
+    }
     [[nodiscard]] TrilinearCorners cell(std::size_t patch) const override {
         const glm::ivec3 first = origin(patch);
         TrilinearCorners cell{{first.x, first.y, first.z}, {}};
@@ -139,7 +144,7 @@ public:
         return box;
     }
     [[nodiscard]] std::size_t bytes() const override {
-        return sizeof(float) * grid_.values.size() + sizeof(std::uint64_t) * cells_.size();
+        return field_.volume().bytes() + field_.bytes() + sizeof(std::uint64_t) * cells_.size();
     }
 
 private:
@@ -186,7 +191,8 @@ private:
         return cell;
     }
 
-    VoxelGrid grid_;
+    IsoField field_;
+    const VoxelGrid& grid_;
     double isovalue_;
     Affine to_world_;
     Affine to_index_;
@@ -196,9 +202,15 @@ private:
 }  // namespace
 
 std::unique_ptr<SurfaceGeometry> make_isosurface(const Surface& surface, const IsosurfaceShape& shape) {
-    VoxelGrid grid = read_volume(shape.volume);
-    const bool has_cells = std::ranges::all_of(grid.size, [](int n) { return n > 1; });
-    auto geometry = std::make_unique<IsosurfaceGeometry>(std::move(grid), shape.isovalue, surface.to_world);
+    if (shape.interpolation == Interpolation::nearest)
+        throw input_error("interpolation = \"nearest\" has no isosurface, expected \"trilinear\" or \"catmull-rom\"");
+    const auto grid = std::make_shared<const VoxelGrid>(read_volume(shape.volume));
+    const bool has_cells = std::ranges::all_of(grid->size, [](int n) { return n > 1; });
+    std::unique_ptr<SurfaceGeometry> geometry;
+    if (shape.interpolation == Interpolation::catmull_rom)
+        geometry = make_catmull_rom(grid, shape.isovalue, surface.to_world);
+    else
+        geometry = std::make_unique<IsosurfaceGeometry>(grid, shape.isovalue, surface.to_world);
     if (!has_cells)
         warn("{} has one sample along an axis, so no cell", shape.volume.string());
     else if (geometry->patch_count() == 0)

@@ -12,7 +12,7 @@ namespace pellucid {
 
 struct Object {
     Surface surface;
-    std::shared_ptr<SurfaceGeometry> geometry;  // shared with what samples the same surface under another law
+    std::shared_ptr<const SurfaceGeometry> geometry;
     Affine to_object;  // inverse of surface.to_world
 
     /// Whether the surface's bounds are part of its geometry: to ask again would cut by rounding.

@@ -36,10 +36,36 @@ void EnsembleSums::add(const EnsembleSums& other) {
     repeats += other.repeats;
 }
 
+void EnsembleSums::add_group(const EnsembleSums& group) {
+    group_squares.resize(pixels.size());
+    const auto n = static_cast<double>(group.repeats);
+    parallel_for(pixels.size(), 4096, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const Pixel& p = group.pixels[i];
+            for (std::size_t c = 0; c < 3; ++c) {
+                const auto sum = static_cast<double>(p.color[c]);
+                group_squares[i][c] += sum * sum / n;
+            }
+            group_squares[i][3] += static_cast<double>(p.covered) * p.covered / n;
+        }
+    });
+    ++groups;
+    add(group);
+}
+
 double EnsembleSums::variance_of_mean(std::size_t pixel, int channel) const {
-    if (repeats < 2) return kInfinity;
-    const auto n = static_cast<double>(repeats);
+    const double n = repeats_of(pixel);
     const Pixel& p = pixels[pixel];
+    if (!group_squares.empty()) {
+        // A mean of n repeats has the variance σ²/n, whatever the size of their group: as near as makes no difference.
+        const double k = pixel_groups.empty() ? groups : pixel_groups[pixel];
+        if (k < 2) return kInfinity;
+        const double unit = channel == 3 ? 1 : units;
+        const double sum = channel == 3 ? p.covered : static_cast<double>(p.color[channel]);
+        const double squares = group_squares[pixel][static_cast<std::size_t>(channel)];
+        return std::max(0.0, squares - sum * (sum / n)) / (n * (k - 1)) / (unit * unit);
+    }
+    if (n < 2) return kInfinity;
     if (channel == 3) return (p.covered - p.covered / n * p.covered) / (n * (n - 1));
     const double sum = static_cast<double>(p.color[channel]) / units;
     const double squares = static_cast<double>(p.square[channel]) / (units * units);
@@ -71,7 +97,6 @@ Image ensemble_image(const Camera& camera, const ParticleFrame& frame, const Ens
 }
 
 void add_ensemble_planes(const ParticleFrame& frame, const EnsembleSums& sums, Image& image) {
-    const auto repeats = static_cast<double>(sums.repeats);
     const char* const names[4] = {"R", "G", "B", "A"};
     std::span<float> mean[4];
     std::span<float> variance[4];
@@ -80,9 +105,14 @@ void add_ensemble_planes(const ParticleFrame& frame, const EnsembleSums& sums, I
         variance[c] = image.add(std::string("variance.") + names[c]);
     }
     const std::span<float> z = image.add("Z", std::numeric_limits<float>::infinity());
+    if (!sums.pixel_repeats.empty()) {
+        const std::span<float> count = image.add("repeats");
+        for (std::size_t i = 0; i < sums.pixels.size(); ++i) count[i] = static_cast<float>(sums.pixel_repeats[i]);
+    }
 
     for (std::size_t i = 0; i < sums.pixels.size(); ++i) {
         const EnsembleSums::Pixel& p = sums.pixels[i];
+        const double repeats = sums.repeats_of(i);
         for (int c = 0; c < 3; ++c)
             mean[c][i] = static_cast<float>(static_cast<double>(p.color[c]) / sums.units / repeats);
         mean[3][i] = static_cast<float>(p.covered / repeats);

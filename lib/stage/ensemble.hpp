@@ -1,6 +1,7 @@
 // The ensemble of repeats: what every backend adds up, and the image that is made of it (STEP 3 of PBSR).
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <vector>
 
@@ -25,13 +26,25 @@ struct EnsembleSums {
     double units = 65535;             // color units of 1.0: see color_units_of
     std::uint64_t particles = 0;
     std::uint64_t repeats = 0;
+    /// Repeats of each pixel, where they differ (adaptive runs, in which tiles stop one by one); else empty.
+    std::vector<std::uint32_t> pixel_repeats;
+    /// Where repeats depend on each other in groups (sample/stratify.hpp): Σ S²/n over the groups, S a group's sum in units
+    /// and n its repeats, for R, G, B and A. Groups are independent, so they tell the variance. Else empty.
+    std::vector<std::array<double, 4>> group_squares;
+    std::uint32_t groups = 0;
+    std::vector<std::uint32_t> pixel_groups;  // as pixel_repeats
 
     /// Nothing yet, for the camera's image.
     EnsembleSums(const Camera& camera, double units);
     EnsembleSums(std::size_t pixel_count, double units);
     /// Precondition: as many pixels and the same units.
     void add(const EnsembleSums& other);
-    /// Sample variance over the repeats of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the
+    [[nodiscard]] double repeats_of(std::size_t pixel) const {
+        return static_cast<double>(pixel_repeats.empty() ? repeats : pixel_repeats[pixel]);
+    }
+    /// Adds a group's own sums. Precondition: this one has none but groups.
+    void add_group(const EnsembleSums& group);
+    /// Sample variance over the repeats (or groups) of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the
     /// variance of its mean. +inf for a single repeat. Too small where repeats depend on each other
     /// (LineMode::fast): by a factor of up to K, the crossings of a line, in pixels that hold several of one line.
     [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
@@ -52,7 +65,8 @@ inline constexpr double kMostParticleColor = 1e30;
 [[nodiscard]] EnsembleSums make_sums(const PreparedScene& scene);
 
 /// R, G, B (associated), A, Z, and variance.R/G/B/A of the pixel's mean: the sample variance over the
-/// repeats divided by their number; +inf for a single repeat, of which nothing can be said.
+/// repeats divided by their number; +inf for a single repeat, of which nothing can be said. Of an adaptive run also
+/// `repeats`: those of the pixel's tile.
 [[nodiscard]] Image ensemble_image(const Camera& camera, const ParticleFrame& frame,
                                    const EnsembleSums& sums);
 

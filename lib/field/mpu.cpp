@@ -1,0 +1,497 @@
+#include "field/mpu.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <tuple>
+#include <utility>
+
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+
+namespace pellucid {
+namespace {
+
+/// A node that is no leaf has the number of its first child.
+constexpr std::uint32_t kLeaf = 1U << 31U;
+/// The cube is larger than the points by so much, so that the surface does not end at a face that points touch.
+constexpr double kRoom = 0.05;
+/// Coarse fits are tried on so many points first: where these miss by kSurelyBad times what is allowed, the cell is cut.
+constexpr std::size_t kTryPoints = 160;
+constexpr double kSurelyBad = 1.5;
+/// Radius of a leaf's ball, in edges.
+const double kSupport = std::sqrt(kMpuSupport2);
+/// An enlarged ball is so much larger than the distance of its last point, which else had no weight.
+constexpr double kBeyondLast = 1.1;
+const double kPerEdge = std::sqrt(kMpuPerEdge2);
+/// Neighbours whose normals contradict each other: as many of so many are warned of.
+constexpr std::size_t kProbedPoints = 20'000;
+constexpr double kContradictions = 0.01;
+/// Rounding of places and values in the unit cube, with room.
+constexpr double kSlack = 1e-13;
+constexpr double kGradientSlack = 1e-9;
+/// Σw is nowhere less: at its own corners a leaf's weight is 1/8.
+constexpr double kLeastWeight = 0.1249;
+/// A box that so many leaves reach is not looked into.
+constexpr std::size_t kManyLeaves = 4096;
+
+[[nodiscard]] Vec3 vector(const std::array<float, 3>& v) { return {v[0], v[1], v[2]}; }
+
+[[nodiscard]] Quadric quadric(const std::array<float, 10>& q) {
+    Quadric out;
+    std::ranges::copy(q, out.c.begin());
+    return out;
+}
+
+/// Points of one place become one, with the mean of their normals.
+[[nodiscard]] std::vector<OrientedPoint> without_duplicates(std::vector<OrientedPoint> points) {
+    const auto key = [](const OrientedPoint& p) {
+        return std::tuple(p.position.x, p.position.y, p.position.z, p.normal[0], p.normal[1], p.normal[2]);
+    };
+    std::ranges::sort(points, {}, key);
+    std::size_t kept = 0;
+    std::size_t merged = 0;
+    std::size_t opposed = 0;
+    for (std::size_t i = 0; i < points.size();) {
+        std::size_t end = i;
+        Vec3 normal(0.0);
+        for (; end < points.size() && points[end].position == points[i].position; ++end)
+            normal += vector(points[end].normal);
+        merged += end - i - 1;
+        OrientedPoint one = points[i];
+        const double size = length(normal);
+        if (end > i + 1 && size > 0)
+            for (std::size_t k = 0; k < 3; ++k) one.normal[k] = static_cast<float>(normal[static_cast<int>(k)] / size);
+        i = end;
+        if (size > 1e-6)
+            points[kept++] = one;
+        else
+            ++opposed;
+    }
+    points.resize(kept);
+    if (merged > 0) warn("points: {} stand where another one does and are merged with it", merged);
+    if (opposed > 0) warn("points: {} places have normals that cancel and are left out", opposed);
+    return points;
+}
+
+[[nodiscard]] Box cube_around(const std::vector<OrientedPoint>& points) {
+    Box box;
+    for (const OrientedPoint& p : points) box.include(p.position);
+    const Vec3 size = box.size();
+    const Vec3 half((0.5 + kRoom) * std::max({size.x, size.y, size.z}));
+    return {box.center() - half, box.center() + half};
+}
+
+[[nodiscard]] std::vector<OrientedPoint> in_unit_cube(std::vector<OrientedPoint> points, const Box& cube) {
+    const double size = cube.hi.x - cube.lo.x;
+    for (OrientedPoint& p : points) p.position = (p.position - cube.lo) / size;
+    return points;
+}
+
+[[nodiscard]] std::vector<OrientedPoint> enough(std::vector<OrientedPoint> points) {
+    points = without_duplicates(std::move(points));
+    if (points.size() < kMpuLeastPoints)
+        throw input_error("{} different points, expected at least {}", points.size(), kMpuLeastPoints);
+    return points;
+}
+
+}  // namespace
+
+struct MpuField::Builder {
+    struct Node {
+        std::array<std::uint32_t, 3> base{};  // of 2^depth
+        std::uint32_t parent = 0;             // in the level above
+    };
+    struct Result {
+        LocalFit fit;
+        bool cut = false;
+    };
+
+    const PointTree& tree;
+    const MpuOptions& options;
+    double accuracy;  // in the unit cube
+
+    [[nodiscard]] static Vec3 center_of(const Node& node, double edge) {
+        return edge * (Vec3(node.base[0], node.base[1], node.base[2]) + 0.5);
+    }
+
+    /// The fit of one cell.
+    [[nodiscard]] Result look(const Node& node, int depth, const LocalFit* parent) const {
+        const double edge = std::ldexp(1.0, -depth);
+        const Vec3 center = center_of(node, edge);
+        thread_local std::vector<std::uint32_t> found;
+        thread_local std::vector<LocalPoint> points;
+        tree.within(center, kSupport * edge, found);
+        const std::size_t own = found.size();
+        if (own == 0 && parent != nullptr) return {seen_from_child(*parent, node), false};
+
+        double radius = kSupport;
+        if (own < options.least_points) {
+            tree.nearest(center, options.least_points, found);
+            radius = kBeyondLast * length(tree.points()[found.back()].position - center) / edge;
+            radius = std::max(radius, kSupport);
+        }
+        const auto take = [&](std::size_t step) {
+            points.clear();
+            for (std::size_t i = 0; i < found.size(); i += step) {
+                const OrientedPoint& p = tree.points()[found[i]];
+                points.push_back({(p.position - center) / edge, vector(p.normal)});
+            }
+        };
+        LocalFitOptions how{.radius = radius,
+                            .own_radius = kSupport,
+                            .few = 2 * options.least_points,
+                            .sharp = options.sharp,
+                            .good_enough = accuracy / edge};
+        const bool may_cut = own >= options.least_points && depth < options.most_depth;
+        if (may_cut && found.size() > 2 * kTryPoints) {
+            take(found.size() / kTryPoints);
+            Result first{fit_locally(points, how), true};
+            if (first.fit.error * edge > kSurelyBad * accuracy) return first;
+        }
+        take(1);
+        Result result{fit_locally(points, how), false};
+        result.cut = may_cut && result.fit.error * edge > accuracy;
+        return result;
+    }
+
+    /// A cell without points has its parent's fit.
+    [[nodiscard]] static LocalFit seen_from_child(const LocalFit& parent, const Node& node) {
+        LocalFit fit = parent;
+        Vec3 offset;
+        for (std::size_t k = 0; k < 3; ++k) offset[static_cast<int>(k)] = (node.base[k] & 1U) != 0 ? 0.25 : -0.25;
+        for (Quadric& q : fit.pieces) {
+            q = q.seen_from(offset, 0.5);
+            for (double& c : q.c) c *= 2;  // Q = edge·q, and the edge is half as long
+        }
+        return fit;
+    }
+
+    /// Level by level; leaves come in the order of levels.
+    void build(MpuField& field) const {
+        std::vector<std::uint32_t>& nodes = field.nodes_;
+        std::vector<MpuLeaf>& leaves = field.leaves_;
+        std::vector<Node> level(1);
+        std::vector<Result> above;
+        nodes.assign(1, 0);
+        std::size_t first_node = 0;
+        for (int depth = 0; !level.empty(); ++depth) {
+            std::vector<Result> results(level.size());
+            parallel_for(level.size(), 32, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i)
+                    results[i] = look(level[i], depth, depth > 0 ? &above[level[i].parent].fit : nullptr);
+            });
+            std::vector<Node> next;
+            const std::size_t next_first = first_node + level.size();
+            for (std::size_t i = 0; i < level.size(); ++i) {
+                if (!results[i].cut) {
+                    nodes[first_node + i] = kLeaf | static_cast<std::uint32_t>(leaves.size());
+                    leaves.push_back(leaf(level[i], depth, results[i].fit, field.rest_));
+                    continue;
+                }
+                nodes[first_node + i] = static_cast<std::uint32_t>(next_first + next.size());
+                for (std::uint32_t corner = 0; corner < 8; ++corner) {
+                    Node child{.base = {}, .parent = static_cast<std::uint32_t>(i)};
+                    for (std::size_t k = 0; k < 3; ++k) child.base[k] = 2 * level[i].base[k] + (corner >> k & 1U);
+                    next.push_back(child);
+                }
+            }
+            if (next_first + next.size() >= kLeaf) throw run_error("the octree of the points has too many cells");
+            nodes.resize(next_first + next.size());
+            first_node = next_first;
+            above = std::move(results);
+            level = std::move(next);
+        }
+        sort_leaves(field);
+        nodes.shrink_to_fit();
+        field.rest_.shrink_to_fit();
+    }
+
+    [[nodiscard]] static MpuLeaf leaf(const Node& node, int depth, const LocalFit& fit,
+                                      std::vector<std::array<float, 10>>& rest) {
+        const double edge = std::ldexp(1.0, -depth);
+        const Vec3 center = center_of(node, edge);
+        const auto floats = [](const Quadric& q) {
+            std::array<float, 10> out;
+            std::ranges::transform(q.c, out.begin(), [](double c) { return static_cast<float>(c); });
+            return out;
+        };
+        MpuLeaf leaf;
+        for (std::size_t k = 0; k < 3; ++k) leaf.center[k] = static_cast<float>(center[static_cast<int>(k)]);
+        leaf.edge = static_cast<float>(edge);
+        leaf.q = floats(fit.pieces[0]);
+        leaf.join = fit.join;
+        leaf.rest = static_cast<std::uint32_t>(rest.size());
+        for (std::size_t k = 1; k < piece_count(fit.join); ++k) rest.push_back(floats(fit.pieces[k]));
+        return leaf;
+    }
+
+    /// Neighbours in space become neighbours in memory.
+    static void sort_leaves(MpuField& field) {
+        std::vector<MpuLeaf> sorted;
+        sorted.reserve(field.leaves_.size());
+        const auto walk = [&](const auto& self, std::size_t node) -> void {
+            std::uint32_t& n = field.nodes_[node];
+            if ((n & kLeaf) == 0) {
+                for (std::size_t child = 0; child < 8; ++child) self(self, n + child);
+                return;
+            }
+            sorted.push_back(field.leaves_[n & ~kLeaf]);
+            n = kLeaf | static_cast<std::uint32_t>(sorted.size() - 1);
+        };
+        walk(walk, 0);
+        field.leaves_ = std::move(sorted);
+    }
+};
+
+MpuField::MpuField(std::vector<OrientedPoint> points, const MpuOptions& options)
+    : tree_([&] {
+          points = enough(std::move(points));
+          bounds_ = cube_around(points);
+          size_ = bounds_.hi.x - bounds_.lo.x;
+          return PointTree(in_unit_cube(std::move(points), bounds_));
+      }()) {
+    // Neighbours: how far they are, and whether they agree.
+    const auto all = tree_.points();
+    const std::size_t step = all.size() / kProbedPoints + 1;
+    std::vector<double> distances;
+    std::vector<std::uint32_t> near;
+    std::size_t contradict = 0;
+    for (std::size_t i = 0; i < all.size(); i += step) {
+        tree_.nearest(all[i].position, 2, near);
+        const OrientedPoint& other = all[near[0] == i ? near[1] : near[0]];
+        distances.push_back(length(other.position - all[i].position));
+        contradict += dot(vector(other.normal), vector(all[i].normal)) < -0.5 ? 1U : 0U;
+    }
+    const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
+    std::nth_element(distances.begin(), middle, distances.end());
+    spacing_ = *middle;
+    if (static_cast<double>(contradict) > kContradictions * static_cast<double>(distances.size()))
+        warn("points: of {} looked at, {} have a normal against that of their nearest neighbour; the surface is not to be "
+             "trusted there",
+             distances.size(), contradict);
+
+    const double diagonal = length(tree_.bounds().size());
+    Builder{tree_, options, options.accuracy * diagonal}.build(*this);
+}
+
+/// Calls visit(leaf) for the leaves whose balls meet a box, ascending.
+template <class Visit>
+void MpuField::visit(const Box& box, const Visit& visit) const {
+    const auto walk = [&](const auto& self, std::uint32_t node, const Vec3& center, double edge) -> void {
+        const Vec3 off = glm::max(glm::max(box.lo - center, center - box.hi), Vec3(0.0));
+        const std::uint32_t n = nodes_[node];
+        if ((n & kLeaf) != 0) {
+            if (dot(off, off) < kMpuSupport2 * edge * edge) visit(n & ~kLeaf);
+            return;
+        }
+        // Balls of leaves below reach out of the cell by 0.8 of half its edge.
+        const double reach = 0.901 * edge;
+        if (off.x > reach || off.y > reach || off.z > reach) return;
+        for (std::uint32_t corner = 0; corner < 8; ++corner) {
+            const Vec3 side((corner & 1U) != 0 ? 0.25 : -0.25, (corner & 2U) != 0 ? 0.25 : -0.25,
+                            (corner & 4U) != 0 ? 0.25 : -0.25);
+            self(self, n + corner, center + edge * side, 0.5 * edge);
+        }
+    };
+    walk(walk, 0, Vec3(0.5), 1);
+}
+
+void MpuField::leaves_at(const Box& box, std::vector<std::uint32_t>& out) const {
+    out.clear();
+    visit(box, [&](std::uint32_t leaf) { out.push_back(leaf); });
+}
+
+double MpuField::value(const Vec3& place) const {
+    const Vec3 x = to_unit(place);
+    double sum = 0;
+    double weights = 0;
+    visit({x, x}, [&](std::uint32_t number) {
+        const MpuLeaf& leaf = leaves_[number];
+        const double edge = leaf.edge;
+        const Vec3 u = (x - vector(leaf.center)) / edge;
+        const MpuWeight w(dot(u, u));
+        std::array<double, 3> q{};
+        for (std::size_t k = 0; k < piece_count(leaf.join); ++k) q[k] = quadric(piece(leaf, k)).value(u);
+        weights += w.value;
+        sum += w.value * (edge * q[deciding_piece(leaf.join, q)]);
+    });
+    return size_ * (sum / weights);
+}
+
+FieldJet MpuField::jet(const Vec3& place) const {
+    struct Part {
+        double weight, value, edge;
+        Vec3 weight_gradient, gradient;
+        std::array<double, 6> weight_hessian, hessian;
+    };
+    thread_local std::vector<Part> parts;
+    parts.clear();
+    const Vec3 x = to_unit(place);
+    double weights = 0;
+    double sum = 0;
+    visit({x, x}, [&](std::uint32_t number) {
+        const MpuLeaf& leaf = leaves_[number];
+        const double edge = leaf.edge;
+        const Vec3 u = (x - vector(leaf.center)) / edge;
+        const double u2 = dot(u, u);
+        const MpuWeight w(u2);
+        std::array<double, 3> q{};
+        for (std::size_t k = 0; k < piece_count(leaf.join); ++k) q[k] = quadric(piece(leaf, k)).value(u);
+        const std::size_t decides = deciding_piece(leaf.join, q);
+        const Quadric own = quadric(piece(leaf, decides));
+        Part part{w.value, edge * q[decides], edge, -(w.slope / edge) * u, own.gradient(u), {}, {}};
+        // ∇w = −slope(r)·u, slope' = −1.5·kPerEdge/r² beyond the knot
+        const double bend = u2 * kMpuPerEdge2 < 0.25 ? 0 : 1.5 * kPerEdge / (u2 * std::sqrt(u2));
+        const double per = 1 / (edge * edge);
+        part.weight_hessian = {per * (bend * u.x * u.x - w.slope), per * (bend * u.y * u.y - w.slope),
+                               per * (bend * u.z * u.z - w.slope), per * bend * u.x * u.y,
+                               per * bend * u.x * u.z,             per * bend * u.y * u.z};
+        part.hessian = {2 * own.c[4] / edge, 2 * own.c[5] / edge, 2 * own.c[6] / edge,
+                        own.c[7] / edge,     own.c[8] / edge,     own.c[9] / edge};
+        weights += part.weight;
+        sum += part.weight * part.value;
+        parts.push_back(part);
+    });
+    // Q_i − f instead of Q_i: Σ∇w_i f = f·∇Σw_i cancels.
+    const double f = sum / weights;
+    Vec3 gradient(0.0);
+    Vec3 weights_gradient(0.0);
+    for (const Part& p : parts) {
+        gradient += p.weight * p.gradient + (p.value - f) * p.weight_gradient;
+        weights_gradient += p.weight_gradient;
+    }
+    gradient /= weights;
+    constexpr int kPlace[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {0, 2}, {1, 2}};
+    FieldJet jet{size_ * f, gradient, {}};
+    for (std::size_t k = 0; k < 6; ++k) {
+        const auto [i, j] = kPlace[k];
+        double h = -(gradient[i] * weights_gradient[j] + weights_gradient[i] * gradient[j]);
+        for (const Part& p : parts)
+            h += p.weight * p.hessian[k] + p.weight_gradient[i] * p.gradient[j] + p.gradient[i] * p.weight_gradient[j] +
+                 (p.value - f) * p.weight_hessian[k];
+        jet.hessian[k] = h / (weights * size_);
+    }
+    return jet;
+}
+
+bool MpuField::excludes(const Box& box) const {
+    thread_local std::vector<std::uint32_t> list;
+    const Box unit{to_unit(box.lo), to_unit(box.hi)};
+    leaves_at(unit, list);
+    if (list.empty()) return true;  // f has no value there
+    if (list.size() > kManyLeaves) return false;
+    return !range(list, unit).value.has_zero();
+}
+
+/// With P = Σ φ_i(c) Q_i, a quadric, and D_i = Q_i − P, small where the fits agree, φ_i = w_i/Σw:
+///   f  = P + Σ φ_i D_i           in P + hull D_i
+///   ∇f = ∇P + Σ φ_i ∇D_i + Σ ∇φ_i D_i, and Σ ∇φ_i D_i = Σ (∇w_i/Σw)(D_i − Σ φ_j D_j).
+MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) const {
+    struct Part {
+        Quadric q;               // of x − center of the box, in the box's own half-widths
+        double push[3];          // largest |∂w| along each axis
+        std::uint32_t leaf;
+    };
+    thread_local std::vector<Part> parts;
+    parts.clear();
+    const Vec3 center = box.center();
+    const Vec3 half = 0.5 * box.size();
+    Quadric mean;
+    double weight_at_center = 0;
+    double least_weight = 0;
+    for (const std::uint32_t number : list) {
+        const MpuLeaf& leaf = leaves_[number];
+        const double edge = leaf.edge;
+        const Vec3 u = (center - vector(leaf.center)) / edge;
+        const Vec3 h = half / edge;
+        const Vec3 near = glm::max(glm::abs(u) - h, Vec3(0.0));
+        const Vec3 far = glm::abs(u) + h;
+        const MpuWeight most(dot(near, near));
+        if (!(most.value > 0)) continue;
+        least_weight += MpuWeight(dot(far, far)).value;
+        const MpuWeight here(dot(u, u));
+        weight_at_center += here.value;
+        std::array<double, 3> value{};
+        const std::size_t first = parts.size();
+        for (std::size_t k = 0; k < piece_count(leaf.join); ++k) {
+            const Quadric q = quadric(piece(leaf, k));
+            const Vec3 g = q.gradient(u);
+            const auto& c = q.c;
+            value[k] = q.value(u);
+            Part part{{{edge * value[k], edge * h.x * g.x, edge * h.y * g.y, edge * h.z * g.z, edge * h.x * h.x * c[4],
+                        edge * h.y * h.y * c[5], edge * h.z * h.z * c[6], edge * h.x * h.y * c[7],
+                        edge * h.x * h.z * c[8], edge * h.y * h.z * c[9]}},
+                      {most.slope * far.x / edge, most.slope * far.y / edge, most.slope * far.z / edge},
+                      number};
+            parts.push_back(part);
+        }
+        const Quadric& own = parts[first + deciding_piece(leaf.join, value)].q;
+        for (std::size_t i = 0; i < 10; ++i) mean.c[i] += here.value * own.c[i];
+    }
+    MpuRange range{Interval::everything(true),
+                   {Interval::everything(true), Interval::everything(true), Interval::everything(true)}};
+    if (!(weight_at_center > 0)) return range;
+    for (double& c : mean.c) c /= weight_at_center;
+
+    // In half-widths each coordinate is in [−1, 1].
+    struct Reach {
+        double value;
+        double slope[3];
+    };
+    const auto reach_of = [](const std::array<double, 10>& c) {
+        const auto a = [&](std::size_t i) { return std::abs(c[i]); };
+        return Reach{a(1) + a(2) + a(3) + a(4) + a(5) + a(6) + a(7) + a(8) + a(9),
+                     {2 * a(4) + a(7) + a(8), 2 * a(5) + a(7) + a(9), 2 * a(6) + a(8) + a(9)}};
+    };
+    double lo = kInfinity;
+    double hi = -kInfinity;
+    double slope_lo[3] = {kInfinity, kInfinity, kInfinity};
+    double slope_hi[3] = {-kInfinity, -kInfinity, -kInfinity};
+    for (Part& part : parts) {
+        auto& c = part.q.c;
+        for (std::size_t i = 0; i < 10; ++i) c[i] -= mean.c[i];
+        const Reach reach = reach_of(c);
+        lo = std::min(lo, c[0] - reach.value);
+        hi = std::max(hi, c[0] + reach.value);
+        for (std::size_t k = 0; k < 3; ++k) {
+            slope_lo[k] = std::min(slope_lo[k], c[1 + k] - reach.slope[k]);
+            slope_hi[k] = std::max(slope_hi[k], c[1 + k] + reach.slope[k]);
+        }
+    }
+    const Reach reach = reach_of(mean.c);
+    range.value = Interval(mean.c[0] - reach.value + lo - kSlack, mean.c[0] + reach.value + hi + kSlack);
+    // Within the cube there is a leaf's own weight at its corners at least.
+    if (box.lo.x >= 0 && box.lo.y >= 0 && box.lo.z >= 0 && box.hi.x <= 1 && box.hi.y <= 1 && box.hi.z <= 1)
+        least_weight = std::max(least_weight, kLeastWeight);
+    if (!(least_weight > 0)) return range;
+    double push[3] = {0, 0, 0};
+    std::uint32_t last = kLeaf;
+    double largest[3] = {0, 0, 0};  // of the pieces of one leaf, the one that is furthest off
+    const auto add_push = [&] {
+        for (std::size_t k = 0; k < 3; ++k) push[k] += largest[k];
+        std::ranges::fill(largest, 0.0);
+    };
+    for (const Part& part : parts) {
+        if (part.leaf != last) add_push();
+        last = part.leaf;
+        const double wide = reach_of(part.q.c).value;
+        const double off = std::max(part.q.c[0] + wide - lo, hi - (part.q.c[0] - wide));
+        for (std::size_t k = 0; k < 3; ++k) largest[k] = std::max(largest[k], part.push[k] * off);
+    }
+    add_push();
+    for (std::size_t k = 0; k < 3; ++k) {
+        const double h = half[static_cast<int>(k)];
+        if (!(h > 0)) continue;
+        const double more = push[k] / least_weight + kGradientSlack;
+        range.gradient[k] = Interval((mean.c[1 + k] - reach.slope[k] + slope_lo[k]) / h - more,
+                                     (mean.c[1 + k] + reach.slope[k] + slope_hi[k]) / h + more);
+    }
+    return range;
+}
+
+std::size_t MpuField::bytes() const {
+    return tree_.bytes() + nodes_.capacity() * sizeof(nodes_[0]) + leaves_.capacity() * sizeof(MpuLeaf) +
+           rest_.capacity() * sizeof(rest_[0]);
+}
+
+}  // namespace pellucid

@@ -1,0 +1,38 @@
+// Points uniform in area on a surface in the world, and that area: by random lines, for whoever needs a place to start.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "sample/line_sampler.hpp"
+#include "scene/prepared_scene.hpp"
+
+namespace pellucid {
+
+class UniformPoints {
+public:
+    /// The whole surface but for what its clip planes and bounds cut away.
+    UniformPoints(const Object& object, std::uint32_t object_id);
+    UniformPoints(const UniformPoints&) = delete;
+    UniformPoints& operator=(const UniformPoints&) = delete;
+
+    /// Number `index` of a stream; empty where the trial gave nothing (its chance: acceptance()).
+    [[nodiscard]] std::optional<Vec3> point(Seed seed, std::uint32_t stream, std::uint64_t index) const;
+    /// A Poisson number of points, many times as fast, in an order that is not random.
+    [[nodiscard]] std::vector<Vec3> poisson(Seed seed, std::uint32_t stream, double mean) const;
+    /// World area and its standard error, from kAreaTrials trials. 0 where there is no surface.
+    [[nodiscard]] double area() const { return area_; }
+    [[nodiscard]] double area_error() const { return area_error_; }
+    [[nodiscard]] double acceptance() const { return acceptance_; }
+
+    static constexpr std::uint32_t kAreaTrials = 1U << 22U;
+
+private:
+    Object object_;  // under the oblique law, seen from far away: density in proportion to area
+    std::unique_ptr<Camera> camera_;
+    std::unique_ptr<LineSampler> lines_;
+    double area_ = 0, area_error_ = 0, acceptance_ = 0;
+};
+
+}  // namespace pellucid
