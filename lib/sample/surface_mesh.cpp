@@ -283,8 +283,10 @@ struct Polygon {
         const double turn = sum > 0 ? y / sum : 0;
         return x >= 0 ? turn : 2 - turn;
     };
-    std::sort(polygon.corner.begin(), polygon.corner.begin() + static_cast<std::ptrdiff_t>(polygon.count),
-              [&](const Vec3& a, const Vec3& b) { return angle(a) < angle(b); });
+    // By insertion: they are six at most.
+    for (std::size_t i = 1; i < polygon.count; ++i)
+        for (std::size_t k = i; k > 0 && angle(polygon.corner[k]) < angle(polygon.corner[k - 1]); --k)
+            std::swap(polygon.corner[k], polygon.corner[k - 1]);
     return polygon;
 }
 
