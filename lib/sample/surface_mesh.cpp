@@ -14,15 +14,29 @@ namespace {
 
 /// Nodes of a block along an axis, less one: what is excluded at once.
 constexpr int kBlockCells = 8;
-constexpr int kNewtonSteps = 3;
+constexpr int kNewtonSteps = 4;
+constexpr double kRoom = 1e-3;
+/// Of a cell: Newton's method leaves far less, but beside nodes and kinks.
+constexpr double kNearRoot = 0.1;
+/// A leaf's tangent plane may pass through it where the surface passes beside it: leaves are looked at as far as this share
+/// of their size from the surface, or the area would be off in the first order.
+constexpr double kLeafRoom = 0.5;
 constexpr std::size_t kMostLeaves = std::size_t{1} << 24U;
 
 [[nodiscard]] FieldSurface field_surface_of(const Object& object, const char* sampler) {
-    const auto surface = object.geometry->field_surface();
+    auto surface = object.geometry->field_surface();
     if (!surface)
         throw input_error("surface \"{}\": particles.sampler = \"{}\" needs a mesh, or a surface that is f = 0 of a field "
                           "(implicit, expression, isosurface, points): use \"lines\"",
                           object.surface.name, sampler);
+    // A closed surface that touches its box from inside is not cut by it.
+    if (const auto* catalogue = dynamic_cast<const CatalogueSurface*>(surface->field); catalogue != nullptr && catalogue->bounded()) {
+        const Vec3 room = kRoom * surface->bounds.size();
+        for (int axis = 0; axis < 3; ++axis) {
+            if (surface->bounds.lo[axis] <= catalogue->bounds().lo[axis]) surface->bounds.lo[axis] -= room[axis];
+            if (surface->bounds.hi[axis] >= catalogue->bounds().hi[axis]) surface->bounds.hi[axis] += room[axis];
+        }
+    }
     return *surface;
 }
 
@@ -58,6 +72,20 @@ constexpr std::size_t kMostLeaves = std::size_t{1} << 24U;
         }
     }
     return true;
+}
+
+/// Whether f vanishes at a place, and does not only jump there: it is smaller than a cell beside it.
+[[nodiscard]] bool is_root(const FieldSurface& surface, const Vec3& spacing, const Vec3& at) {
+    const double value = std::abs(surface.field->value(at));
+    const Vec3 slope = spacing * surface.field->gradient(at);
+    const double size = length(slope);
+    if (!std::isfinite(value) || !(size < kInfinity)) return false;
+    if (value > kNearRoot * size) return false;
+    const Vec3 by = size > 0 ? spacing * slope / size : Vec3(0.0);
+    double beside = 0;
+    for (const double side : {-1.0, 1.0})
+        if (const double f = std::abs(surface.field->value(at + side * by)); f > beside) beside = f;
+    return value <= 0.5 * beside;
 }
 
 // ---- Marching Tetrahedra
@@ -215,13 +243,8 @@ SurfaceTriangles tessellate(const Object& object, int cells) {
 
     // On the surface; where f only jumps there is none.
     std::vector<bool> good(positions.size());
-    const Mat3 inverse_transposed = glm::transpose(surface.to_world.inverse().linear);
-    const double near = 0.5 * std::max({field.spacing().x * length(surface.to_world.linear[0]),
-                                        field.spacing().y * length(surface.to_world.linear[1]),
-                                        field.spacing().z * length(surface.to_world.linear[2])});
     for (std::size_t i = 0; i < positions.size(); ++i)
-        good[i] = move_to_surface(surface, field.spacing(), positions[i]) &&
-                  distance_from(surface, inverse_transposed, positions[i]) < near;
+        good[i] = move_to_surface(surface, field.spacing(), positions[i]) && is_root(surface, field.spacing(), positions[i]);
     const auto before = out.mesh.triangles.size();
     std::erase_if(out.mesh.triangles, [&](const auto& t) { return !(good[t[0]] && good[t[1]] && good[t[2]]); });
     out.dropped = before - out.mesh.triangles.size();
@@ -292,12 +315,13 @@ struct Polygon {
 
 class OctreeBuilder {
 public:
-    OctreeBuilder(const Object& object, const FieldSurface& surface, int depth, SurfaceTriangles& out)
-        : object_(object), surface_(surface), depth_(depth), out_(out) {}
+    OctreeBuilder(const Object& object, const FieldSurface& surface, int depth, const Vec3& leaf, SurfaceTriangles& out)
+        : object_(object), surface_(surface), depth_(depth), leaf_(leaf), out_(out) {}
 
     void add(const Box& cube, int level) {
         const Box box{glm::max(cube.lo, surface_.bounds.lo), glm::min(cube.hi, surface_.bounds.hi)};
-        if (box.empty() || surface_.field->excludes(box)) return;
+        const Vec3 room = kLeafRoom * leaf_;
+        if (box.empty() || surface_.field->excludes({box.lo - room, box.hi + room})) return;
         if (level == depth_) return add_leaf(box);
         const Vec3 middle = cube.center();
         for (unsigned i = 0; i < 8; ++i) {
@@ -318,13 +342,11 @@ private:
             throw input_error("surface \"{}\": more than 2^24 leaves of an octree hold it, lower particles.octree.cells",
                               object_.surface.name);
         Vec3 at = box.center();
-        const Vec3 size = glm::max(box.size(), Vec3(1e-300));
-        if (!move_to_surface(surface_, size, at)) {
+        const Vec3 normal = move_to_surface(surface_, leaf_, at) ? surface_.field->gradient(at) : Vec3(0.0);
+        if (!(dot(normal, normal) > 0 && dot(normal, normal) < kInfinity) || !is_root(surface_, leaf_, at)) {
             ++out_.dropped;
             return;
         }
-        const Vec3 normal = surface_.field->gradient(at);
-        if (!(dot(normal, normal) > 0 && dot(normal, normal) < kInfinity)) return;
         const Polygon polygon = cut_box(box, at, normal);
         if (polygon.count < 3) return;
         const auto first = static_cast<std::uint32_t>(out_.mesh.positions.size());
@@ -336,6 +358,7 @@ private:
     const Object& object_;
     const FieldSurface& surface_;
     int depth_;
+    Vec3 leaf_;  // its size
     SurfaceTriangles& out_;
     std::size_t leaves_ = 0;
 };
@@ -356,8 +379,9 @@ SurfaceTriangles octree_triangles(const Object& object, int cells) {
     const int depth = static_cast<int>(std::bit_width(static_cast<unsigned>(std::max(cells, 1)) - 1U));
     // No leaf's face in the middle of the bounds, where symmetric surfaces have planes and nodes.
     const Vec3 edge = longest * scale;
-    const Vec3 shift = 0.5 * edge / static_cast<double>(1U << static_cast<unsigned>(depth)) * 0.9742;
-    OctreeBuilder(object, surface, depth + 1, out)
+    const Vec3 leaf = edge / static_cast<double>(1U << static_cast<unsigned>(depth));
+    const Vec3 shift = 0.4871 * leaf;
+    OctreeBuilder(object, surface, depth + 1, leaf, out)
         .add({surface.bounds.lo - shift, surface.bounds.lo - shift + 2.0 * edge}, 0);
     finish(surface, out);
     return out;
