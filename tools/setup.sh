@@ -7,12 +7,12 @@
 #   PELLUCID_SKIP_SETUP=1  trust the machine: install nothing, check no package
 
 pellucid_packages=(
-    g++ cmake ninja-build ccache git                       # the build
+    g++ cmake ninja-build ccache git pkg-config            # the build
     libembree-dev libtbb-dev                               # the truth, threads
     libceres-dev libboost-dev                              # fits, intervals and special functions
     libglm-dev librandom123-dev libfmt-dev                 # vectors, counters, text
     libopenexr-dev libpng-dev zlib1g-dev                   # images
-    libnifti-dev libteem-dev libassimp-dev                 # volumes, meshes
+    libnifti-dev libteem-dev libassimp-dev libgts-dev      # volumes, meshes, tessellation
     libtomlplusplus-dev libcli11-dev nlohmann-json3-dev    # scenes, options, summaries
     libhwy-dev                                             # SIMD, chosen at run time
     libvulkan-dev glslc mesa-vulkan-drivers                # Vulkan, shaders, a device in software

@@ -9,6 +9,7 @@
 #include "core/stopwatch.hpp"
 #include "render/methods.hpp"
 #include "render/shard.hpp"
+#include "sample/surface_mesh.hpp"
 #include "scene/shading.hpp"
 
 namespace pellucid {
@@ -17,6 +18,28 @@ namespace {
 [[nodiscard]] std::uint32_t all_repeats(const RenderInput& input) {
     return static_cast<std::uint32_t>(
         input.settings.integer("repeats", ParticleSettings{}.repeats, {.lo = 1, .hi = kMostRepeats}));
+}
+
+[[nodiscard]] SourceSettings read_source_settings(const RenderInput& input) {
+    SourceSettings s;
+    const ConfigTable walk = input.settings.table("walk");
+    if (walk.has("step")) s.walk.step = walk.number("step", kRequired, {.lo = 0, .hi = 1, .lo_open = true});
+    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = kMostWalkers}));
+    s.walk.thinning = static_cast<std::uint32_t>(walk.integer("thinning", s.walk.thinning, {.lo = 1, .hi = 1 << 20}));
+    s.walk.drift = walk.boolean("drift", s.walk.drift);
+    s.walk.start = walk.choice<WalkSettings::Start>(
+        "start", s.walk.start, {{"uniform", WalkSettings::Start::uniform}, {"single", WalkSettings::Start::single}});
+    const ConfigTable mesh = input.settings.table("mesh");
+    s.mesh_cells = static_cast<int>(mesh.integer("cells", s.mesh_cells, {.lo = 2, .hi = kMostMeshCells}));
+    s.mesh_error_px = mesh.number("error_px", s.mesh_error_px, within(0, 16));
+    s.octree_cells = static_cast<int>(
+        input.settings.table("octree").integer("cells", s.octree_cells, {.lo = 2, .hi = kMostMeshCells}));
+    s.counting_spheres = input.settings.choice<bool>("opacity_control", false, {{"exact", false}, {"counting-spheres", true}});
+    const ConfigTable counting = input.settings.table("counting");
+    s.counting.spheres = static_cast<std::uint32_t>(counting.integer("spheres", s.counting.spheres, {.lo = 1, .hi = 1 << 16}));
+    s.counting.radius = counting.number("radius", s.counting.radius, at_least(0));
+    s.seed = input.seed;
+    return s;
 }
 
 [[nodiscard]] ParticleSettings read_settings(const RenderInput& input) {
@@ -32,13 +55,7 @@ namespace {
     const std::string sampler = input.settings.one_of("sampler", names.front(), names);
     for (const auto& [name, kind] : sampler_names())
         if (sampler == name) s.kind = kind;
-    const ConfigTable walk = input.settings.table("walk");
-    if (walk.has("step")) s.walk.step = walk.number("step", kRequired, {.lo = 0, .hi = 1, .lo_open = true});
-    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = kMostWalkers}));
-    s.walk.thinning = static_cast<std::uint32_t>(walk.integer("thinning", s.walk.thinning, {.lo = 1, .hi = 1 << 20}));
-    s.walk.drift = walk.boolean("drift", s.walk.drift);
-    s.walk.start = walk.choice<WalkSettings::Start>(
-        "start", s.walk.start, {{"uniform", WalkSettings::Start::uniform}, {"single", WalkSettings::Start::single}});
+    s.source = read_source_settings(input);
     s.oversampling = static_cast<std::uint32_t>(input.settings.integer("oversampling", s.oversampling, {.lo = 1, .hi = 1024}));
     if (input.settings.has("group"))
         s.group = static_cast<std::uint32_t>(input.settings.integer("group", kRequired, {.lo = 1, .hi = 65536}));
@@ -64,9 +81,15 @@ namespace {
     constexpr std::uint64_t kProbes = 4096;
     double sum = 0;
     for (const ParticleSource* source : sources.all()) {
-        if (!(source->virtual_pixels() > 0) || !source->has_single_trials()) continue;
+        if (!(source->virtual_pixels() > 0)) continue;
         std::uint64_t kept = 0;
-        for (std::uint64_t i = 0; i < kProbes; ++i) kept += source->trial({0}, ~0U, i) ? 1U : 0U;
+        if (source->has_single_trials()) {
+            for (std::uint64_t i = 0; i < kProbes; ++i) kept += source->trial({0}, ~0U, i) ? 1U : 0U;
+        } else {
+            std::vector<SourcePoint> points;
+            source->trials_in_block(0, {0}, ~0U, 0, kProbes, points);
+            kept = points.size();
+        }
         sum +=
             mean_trials(*source, settings.trials) * static_cast<double>(kept) / static_cast<double>(kProbes);
     }
@@ -190,7 +213,7 @@ void warn_of_opacity(const char* kind, const std::string& name, double opacity) 
 
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
-    const Sources sources = make_sources(input.scene, settings.kind, settings.walk);
+    const Sources sources = make_sources(input.scene, settings.kind, settings.source);
     std::size_t pieces = 0;
     std::size_t sampler_bytes = 0;
     double trials = 0;
@@ -229,6 +252,8 @@ std::span<const std::pair<std::string_view, SamplerKind>> sampler_names() {
         {"lines", SamplerKind::lines},
         {"stratified", SamplerKind::stratified},
         {"brownian", SamplerKind::brownian},
+        {"mesh", SamplerKind::mesh},
+        {"octree", SamplerKind::octree},
     };
     return kNames;
 }
@@ -239,7 +264,7 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
         throw input_error("{}: lights and shading give colours up to {:.3g}, particles hold at most {}",
                           scene.settings.source, brightest_color(scene), kMostParticleColor);
     Stopwatch watch;
-    const Sources sources = make_sources(scene, settings.kind, settings.walk);
+    const Sources sources = make_sources(scene, settings.kind, settings.source);
     const std::uint32_t batch = batch_size(settings, expected_particles(sources, settings.sampler));
     Stage cutting{"cut into pieces", watch.lap(), 0, ""};
     for (const auto& source : sources) cutting.bytes += static_cast<std::int64_t>(source->bytes());
@@ -315,7 +340,8 @@ Method particles_method() {
             {"particles.sampler", "\"lines\"",
              "\"lines\": random lines along the edges of boxes and cells, points of triangles; \"stratified\": the same, "
              "at most one particle of an object in a pixel and repeats that make up for each other; "
-             "\"brownian\": a walk on f = 0 (equations 2 and 3)"},
+             "\"brownian\": a walk on f = 0 (equations 2 and 3); \"mesh\", \"octree\": points of triangles that stand for "
+             "f = 0"},
             {"particles.group", "a quarter of repeats", "stratified: repeats that share their candidates"},
             {"particles.oversampling", "8", "stratified: candidates for each particle of independent repeats"},
             {"particles.walk.step", "0.01, or 0.3 of a cell",
@@ -324,6 +350,13 @@ Method particles_method() {
             {"particles.walk.thinning", "1", "brownian: every k-th position is kept"},
             {"particles.walk.drift", "true", "brownian: dx^(S) of equation (3)"},
             {"particles.walk.start", "\"uniform\"", "brownian: each walker at a uniform place, or all at a \"single\" one"},
+            {"particles.mesh.cells", "128", "mesh: along the longest edge of the bounds (meshes are taken as they are)"},
+            {"particles.mesh.error_px", "0", "mesh: in place of cells, largest distance from the surface; 0: cells"},
+            {"particles.octree.cells", "128", "octree: leaves along the longest edge of the bounds"},
+            {"particles.opacity_control", "\"exact\"",
+             "\"exact\": particles by area; \"counting-spheres\": until spheres on the surface hold enough, as in the paper"},
+            {"particles.counting.spheres", "100", "counting-spheres: how many"},
+            {"particles.counting.radius", "0", "counting-spheres: scene units; 0: 2 % of the surface's size, 4 pixels at least"},
             {"particles.lines", "\"exact\"",
              "\"exact\": one crossing of a line at most; \"fast\": deals a line's crossings to different "
              "repeats, so that variance.* is too small, at most 4 times, where a view runs along them"},

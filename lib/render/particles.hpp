@@ -18,7 +18,7 @@ struct ParticleSettings {
     std::uint32_t repeats = 500;  // L_R
     std::uint32_t first_repeat = 0;  // of a shard
     SamplerKind kind = SamplerKind::lines;
-    WalkSettings walk{};                   // brownian
+    SourceSettings source{};               // what only some samplers read
     SamplerSettings sampler{};
     std::optional<std::uint32_t> group{};  // stratified; absent: default_group
     std::uint32_t oversampling = 8;        // stratified

@@ -10,6 +10,10 @@ namespace {
 
 /// Trials that a walker is given to find a place to start from.
 constexpr std::uint64_t kMostStarts = 100'000;
+/// Steps in a row without a way back to the surface, after which a walker is put elsewhere.
+constexpr std::uint8_t kMostLost = 8;
+/// What is worth a word: one step in so many.
+constexpr double kLostWorthAWord = 1e-4;
 /// Sets the numbers of walks apart from those of lines (block·2³² + index, blocks below 2²³).
 constexpr std::uint64_t kWalkIndex = std::uint64_t{1} << 55U;
 
@@ -27,101 +31,115 @@ constexpr std::uint64_t kWalkIndex = std::uint64_t{1} << 55U;
 
 }  // namespace
 
+namespace {
+
+[[nodiscard]] WalkStep step_of(const Object& object, const WalkSettings& settings) {
+    const FieldSurface surface = *object.geometry->field_surface();
+    const double cell = surface.cell_width * std::cbrt(std::abs(surface.to_world.determinant()));
+    WalkStep step = settings.twin;
+    step.length = settings.step ? *settings.step * surface_width(surface)
+                  : cell > 0    ? kWalkCellStep * cell
+                                : kWalkStep * surface_width(surface);
+    step.drift = settings.drift;
+    return step;
+}
+
+}  // namespace
+
 BrownianSource::BrownianSource(const Object& object, const Camera& camera, std::uint32_t object_id, const WalkSettings& settings)
     : object_(&with_field(object)),
-      camera_(&camera),
       object_id_(object_id),
       settings_(settings),
-      field_(object),
       places_(object, object_id),
-      step_(settings.twin) {
-    const FieldSurface& surface = field_.surface();
-    const double world_cell = surface.cell_width * std::cbrt(std::abs(surface.to_world.determinant()));
-    step_.length = settings.step ? *settings.step * field_.width()
-                   : surface.cell_width > 0 ? kWalkCellStep * world_cell
-                                            : kWalkStep * field_.width();
-    step_.drift = settings.drift;
-    if (!(places_.area() > 0)) return;
-    std::array<Vec3, 8> corners;
-    const Box box = object.geometry->bounds();
-    for (std::size_t i = 0; i < 8; ++i)
-        corners[i] = {(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y, (i & 4U) != 0 ? box.hi.z : box.lo.z};
-    const auto area = camera.pixel_area_range(corners.data(), 8);
-    if (!area) return;
-    least_area_ = area->least;
-    virtual_pixels_ = places_.area() / least_area_;
+      thinning_(object, camera),
+      step_(step_of(object, settings)),
+      walk_(object, step_) {
+    if (const auto least = thinning_.least_pixel_area(); least && places_.area() > 0) virtual_pixels_ = places_.area() / *least;
 }
 
 std::string BrownianSource::label() const { return fmt::format("surface \"{}\"", object_->surface.name); }
 
 double BrownianSource::optical_depth() const { return -std::log1p(-std::min(object_->surface.opacity, kMostParticleOpacity)); }
 
-std::vector<Vec3> BrownianSource::positions(Seed seed, std::uint32_t repeat, std::uint32_t count) const {
-    const std::uint32_t walkers = std::min(settings_.walkers, std::max(count, 1U));
-    std::vector<Vec3> at(walkers);
-    std::uint64_t trial = 0;
-    const auto place = [&] {
-        for (const std::uint64_t end = trial + kMostStarts; trial < end;)
-            if (const auto found = places_.point(seed, repeat, trial++)) return *found;
+/// The walkers of one repeat.
+struct BrownianSource::Herd {
+    std::vector<BrownianWalk::Walker> walkers;
+    std::vector<std::uint8_t> lost;  // steps not made in a row
+    std::uint64_t trial = 0;         // of places to start from
+    Stats stats;
+};
+
+template <class Take>
+void BrownianSource::walk(Seed seed, std::uint32_t repeat, std::uint32_t count, const Take& take) const {
+    if (count == 0) return;
+    const std::uint32_t n = std::min(settings_.walkers, count);
+    Herd herd{std::vector<BrownianWalk::Walker>(n), std::vector<std::uint8_t>(n), 0, {}};
+    const auto start = [&] {
+        BrownianWalk::Walker walker;
+        for (const std::uint64_t end = herd.trial + kMostStarts; herd.trial < end;)
+            if (const auto place = places_.point(seed, repeat, herd.trial++); place && walk_.put(*place, walker)) return walker;
         throw run_error("{}: particles.sampler = \"brownian\" finds no place to start in {} trials", label(), kMostStarts);
     };
     if (settings_.start == WalkSettings::Start::single)
-        std::ranges::fill(at, place());
+        std::ranges::fill(herd.walkers, start());
     else
-        for (Vec3& x : at) x = place();
+        for (auto& walker : herd.walkers) walker = start();
 
-    Stats stats;
-    std::vector<Vec3> out(count);
-    for (std::uint32_t i = 0; i < count; ++i) {
-        const std::uint32_t walker = i % walkers;
-        const std::uint32_t done = i / walkers * settings_.thinning;
-        for (std::uint32_t step = done; step < done + settings_.thinning; ++step) {
-            const WalkOutcome outcome =
-                walk_one_step(field_, step_, normal_numbers(seed, step_key(object_id_, repeat, walker, step)), at[walker]);
-            stats.at_borders += outcome == WalkOutcome::stayed_inside ? 1 : 0;
-            stats.lost += outcome == WalkOutcome::lost ? 1 : 0;
+    std::uint32_t step = 0;
+    for (std::uint64_t done = 0; done < count; done += n) {
+        const auto round = static_cast<std::uint32_t>(std::min<std::uint64_t>(n, count - done));
+        for (const std::uint32_t end = step + settings_.thinning; step < end; ++step) {
+            for (std::uint32_t i = 0; i < round; ++i) {
+                const WalkOutcome outcome = walk_.advance(herd.walkers[i], seed, step_key(object_id_, repeat, i, step));
+                if (outcome == WalkOutcome::moved) {
+                    herd.lost[i] = 0;
+                } else if (outcome != WalkOutcome::lost) {
+                    herd.lost[i] = 0;
+                    ++herd.stats.at_borders;
+                } else {
+                    ++herd.stats.lost;
+                    if (++herd.lost[i] < kMostLost) continue;
+                    ++herd.stats.restarts;
+                    herd.lost[i] = 0;
+                    herd.walkers[i] = start();
+                }
+            }
+            herd.stats.steps += round;
         }
-        stats.steps += settings_.thinning;
-        out[i] = at[walker];
+        for (std::uint32_t i = 0; i < round; ++i) take(static_cast<std::uint32_t>(done) + i, herd.walkers[i], step_key(object_id_, repeat, i, step - 1));
     }
-    steps_ += stats.steps;
-    at_borders_ += stats.at_borders;
-    lost_ += stats.lost;
-    return out;
+    steps_ += herd.stats.steps;
+    at_borders_ += herd.stats.at_borders;
+    lost_ += herd.stats.lost;
+    restarts_ += herd.stats.restarts;
 }
 
-std::optional<BrownianSource::Point> BrownianSource::keep(const Vec3& world, double chance) const {
-    const Vec3 view = camera_->to_view(world);
-    if (!(view.z >= camera_->near() && view.z <= camera_->far())) return std::nullopt;
-    const Vec2 pixel = camera_->project(view);
-    if (!(pixel.x >= 0 && pixel.x < camera_->width() && pixel.y >= 0 && pixel.y < camera_->height())) return std::nullopt;
-    const Vec3 normal = field_.slope(world).gradient;
-    const double size = length(normal);
-    const Vec3 ray = camera_->ray_direction(world);
-    double share = least_area_ / camera_->pixel_area(view);
-    if (object_->surface.opacity_law == OpacityLaw::constant && size > 0)
-        share *= std::abs(dot(normal, ray)) / (size * length(ray));
-    if (!(chance < share)) return std::nullopt;
-    return Point{view, camera_->view_vector(size > 0 ? normal : -ray)};
+std::vector<Vec3> BrownianSource::positions(Seed seed, std::uint32_t repeat, std::uint32_t count) const {
+    std::vector<Vec3> out;
+    out.reserve(count);
+    walk(seed, repeat, count, [&](std::uint32_t, const BrownianWalk::Walker& walker, const DrawKey&) {
+        out.push_back(walk_.world(walker));
+    });
+    return out;
 }
 
 void BrownianSource::trials_in_block(std::size_t, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
                                      std::vector<Point>& out) const {
-    const std::vector<Vec3> places = positions(seed, repeat, first + count);
-    const std::uint32_t walkers = std::min(settings_.walkers, std::max(first + count, 1U));
-    for (std::uint32_t i = first; i < first + count; ++i) {
-        DrawKey key = step_key(object_id_, repeat, i % walkers, i / walkers);
-        key.block = 1;
-        if (const auto point = keep(places[i], unit_interval(random_bits(seed, key)[0]))) out.push_back(*point);
-    }
+    walk(seed, repeat, first + count, [&](std::uint32_t i, const BrownianWalk::Walker& walker, const DrawKey& key) {
+        if (i < first) return;
+        // Words 0 and 1 of this key made the step that led here.
+        const double chance = unit_interval(random_bits(seed, key)[2]);
+        if (const auto point = thinning_.keep(walk_.world(walker), walk_.world_normal(walker), chance)) out.push_back(*point);
+    });
 }
 
-BrownianSource::Stats BrownianSource::stats() const { return {steps_, at_borders_, lost_}; }
+BrownianSource::Stats BrownianSource::stats() const { return {steps_, at_borders_, lost_, restarts_}; }
 
 std::string BrownianSource::complaint() const {
-    if (lost_ == 0) return {};
-    return fmt::format("{}: {} of {} Brownian steps found no way back to the surface and were not made", label(), lost_.load(),
-                       steps_.load());
+    if (static_cast<double>(lost_) <= kLostWorthAWord * static_cast<double>(steps_)) return {};
+    return fmt::format("{}: {} of {} Brownian steps found no way back to the surface and were not made, {} walkers were put "
+                       "elsewhere: a smaller particles.walk.step may help",
+                       label(), lost_.load(), steps_.load(), restarts_.load());
 }
 
 }  // namespace pellucid

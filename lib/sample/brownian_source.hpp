@@ -2,8 +2,8 @@
 //
 // Every repeat has walkers of its own, so repeats are independent; within a repeat a walker's positions follow each other
 // and are not. Position i of a repeat: walker i mod W, after (i div W + 1)·thinning steps. Its law is uniform in area
-// up to the step's own bias. It lands on dA with probability dA/A and is kept with (least s)/s(x), and with |cosθ| under the
-// constant law: then V = A/least s (particle_source.hpp). A comes from random lines (uniform_points.hpp).
+// up to the step's own bias. It lands on dA with probability dA/A and is thinned for the view (view_thinning.hpp): V =
+// A/least s. A comes from random lines (uniform_points.hpp); its standard error is one of τ = −ln(1 − α) in all repeats.
 #pragma once
 
 #include <atomic>
@@ -11,6 +11,7 @@
 #include "sample/brownian_walk.hpp"
 #include "sample/particle_source.hpp"
 #include "sample/uniform_points.hpp"
+#include "sample/view_thinning.hpp"
 
 namespace pellucid {
 
@@ -54,26 +55,30 @@ public:
     [[nodiscard]] std::vector<Vec3> positions(Seed seed, std::uint32_t repeat, std::uint32_t count) const;
     [[nodiscard]] double step_length() const { return step_.length; }
     [[nodiscard]] double area() const { return places_.area(); }
+    [[nodiscard]] double area_error() const { return places_.area_error(); }
     struct Stats {
         std::uint64_t steps = 0;
-        std::uint64_t at_borders = 0;  // steps not made at a border
-        std::uint64_t lost = 0;        // … that found no way back to the surface
+        std::uint64_t at_borders = 0;  // steps folded back at an edge, or not made there
+        std::uint64_t lost = 0;        // steps not made that found no way back to the surface
+        std::uint64_t restarts = 0;    // walkers put elsewhere after several of these in a row
     };
     [[nodiscard]] Stats stats() const;
 
 private:
-    [[nodiscard]] std::optional<Point> keep(const Vec3& world, double chance) const;
+    struct Herd;
+    /// Gives positions 0 … count − 1 to take(index, walker, step).
+    template <class Take>
+    void walk(Seed seed, std::uint32_t repeat, std::uint32_t count, const Take& take) const;
 
     const Object* object_;
-    const Camera* camera_;
     std::uint32_t object_id_;
     WalkSettings settings_;
-    WorldField field_;
     UniformPoints places_;
+    ViewThinning thinning_;
     WalkStep step_;
-    double least_area_ = 0;  // s
+    BrownianWalk walk_;
     double virtual_pixels_ = 0;
-    mutable std::atomic<std::uint64_t> steps_ = 0, at_borders_ = 0, lost_ = 0;
+    mutable std::atomic<std::uint64_t> steps_ = 0, at_borders_ = 0, lost_ = 0, restarts_ = 0;
 };
 
 }  // namespace pellucid

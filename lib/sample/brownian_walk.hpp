@@ -1,59 +1,96 @@
-// Brownian motion on f = 0: one step of it, equations (2) and (3) of Tanaka et al. 2012.
+// Brownian motion confined to a surface f = 0: Tanaka et al. 2012 (2), (3), one step of one walker.
 //
-//   dx = P dw − (dt/|∇f|²) ∇f Tr(H P),   P = 1 − ∇f ∇fᵀ/|∇f|²,   ⟨dw_i dw_j⟩ = 2 δ_ij dt,   √(2 dt) = step
-// by Euler, then Newton's method along the gradient back to the surface, else bisection. A step that would leave the domain
-// (bounds, clip planes, the hull of a volume), or that finds no way back to the surface, is not made: the walker
-// stays. Proposals are symmetric to the order of the step, so staying keeps the uniform law, at borders as inside
-// (Metropolis et al. 1953 with a constant density).
+//     dx = dx^(T) + dx^(S),   dx^(T) = P dw,   dx^(S) = −(dt/|∇f|²) ∇f Tr(HP),   ⟨dw_i dw_j⟩ = 2 δ_ij dt
+// by Euler's method, then Newton's (else bisection along the gradient) back to the surface. The walk is uniform in
+// *world* area: with x = M u + o the world's gradient is M⁻ᵀ ∇_u f and its Hessian M⁻ᵀ H_u M⁻¹. P = QQᵀ with an
+// orthonormal basis Q of the tangent plane, and Qᵀ dw are two independent Gaussian numbers: P dw is drawn as Q times
+// these, the same law for two thirds of the numbers.
+//
+// *Open surfaces.* Where bounds or clip planes end the surface, the step is folded back at its edge: mirrored in the
+// tangent plane at the line in which the cutting plane meets it. Without an edge the kernel k(x, y) is symmetric but for
+// terms of the step's own order. On a half-plane the folded kernel is k(x, y) + k(x, y*), y* the mirror image; since
+// k(x, y*) = k(x*, y) = k(y, x*), it is symmetric as well, and ∫ k'(x, y) dA(x) = ∫ k'(y, x) dA(x) = 1: the uniform law
+// stays. Curvature of the edge adds a term of the step's length over its radius in a seam as wide as a step. What is
+// still outside (corners) does not move, which keeps every symmetric kernel symmetric.
 #pragma once
 
 #include <array>
 #include <cstdint>
+#include <vector>
 
 #include "core/random.hpp"
+#include "field/scalar_field.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
 
 struct WalkStep {
-    double length = 0;          // √(2 dt), world
-    bool drift = true;          // dx^(S)
+    double length = 0;  // √(2Δt), world
+    bool drift = true;  // dx^(S)
     // Wrong twins, for tests that must reject them.
-    bool projected = true;      // P in front of dw
-    bool corrected = true;      // back to the surface
-    double noise = 1;           // times the variance of dw
+    bool projected = true;  // P in front of dw
+    bool corrected = true;  // back to the surface
+    double noise = 1;       // times the variance of dw
+    /// At the surface's edges. stay: a step that would leave is not made; the same law, but particles that come twice, so
+    /// that fewer pixels are covered beside an edge. redraw: until a step ends inside, half the density at edges: wrong.
+    enum class Edge { fold, stay, redraw } edge = Edge::fold;
 };
 
-/// The field of an object in the world.
-class WorldField {
-public:
-    /// Precondition: object.geometry->field_surface().
-    explicit WorldField(const Object& object);
+/// The surface's width: the longest side of its bounds in the world.
+[[nodiscard]] double surface_width(const FieldSurface& surface);
 
-    [[nodiscard]] FieldJet jet(const Vec3& world) const;
-    /// Value and gradient.
-    [[nodiscard]] FieldJet slope(const Vec3& world) const;
-    /// Whether the place is within the field's bounds, and not clipped.
-    [[nodiscard]] bool contains(const Vec3& world) const;
-    [[nodiscard]] const FieldSurface& surface() const { return surface_; }
-    /// Largest side of the bounds in the world: the surface's width.
-    [[nodiscard]] double width() const { return width_; }
+enum class WalkOutcome : std::uint8_t { moved, folded, stayed_inside, lost };
+
+class BrownianWalk {
+public:
+    /// Precondition: geometry->field_surface() has a value. The object must outlive the walk.
+    BrownianWalk(const Object& object, const WalkStep& step);
+
+    struct Walker {
+        Vec3 at{0.0};        // object space
+        Vec3 gradient{0.0};  // there, in the metric of `metric`
+    };
+    [[nodiscard]] Vec3 world(const Walker& walker) const { return to_world_.point(walker.at); }
+    [[nodiscard]] Vec3 world_normal(const Walker& walker) const;
+    /// A walker on the surface near a world place; false where none is found.
+    [[nodiscard]] bool put(const Vec3& place, Walker& walker) const;
+    /// One step by block 0 of the key (twins: 1 and more). Unless it is made the walker stays: `lost` found no way back to
+    /// the surface, `stayed_inside` none back from an edge.
+    [[nodiscard]] WalkOutcome advance(Walker& walker, Seed seed, const DrawKey& key) const;
+
+    /// For code that takes many steps at once (brownian_simd.cpp).
+    [[nodiscard]] const ScalarField& field() const { return *field_; }
+    [[nodiscard]] bool isometric() const { return isometric_; }
+    /// √(2Δt) in the coordinates in which steps are taken: object space if isometric.
+    [[nodiscard]] double inner_step() const { return inner_step_; }
+    [[nodiscard]] double reach() const { return reach_; }
+    [[nodiscard]] bool open() const { return !planes_.empty(); }
+    [[nodiscard]] const WalkStep& step() const { return step_; }
 
 private:
-    const Object* object_;
-    FieldSurface surface_;
-    Affine to_object_;
-    Mat3 to_object_transposed_;
-    double width_;
+    /// Keeps normal·u <= offset, object space; |gradient of the plane in the metric| = 1.
+    struct Plane {
+        Vec3 normal, metric_normal;
+        double offset;
+    };
+    [[nodiscard]] Vec3 metric(const Vec3& covector) const { return isometric_ ? covector : inverse_transposed_ * covector; }
+    [[nodiscard]] Vec3 inner(const Vec3& v) const { return isometric_ ? v : inverse_ * v; }
+    [[nodiscard]] bool settle(Walker& walker) const;
+    [[nodiscard]] bool settle_by_bisection(const Vec3& from, const Vec3& gradient, Walker& walker) const;
+    [[nodiscard]] bool fold_back(Walker& walker) const;
+    [[nodiscard]] double beyond(const Plane& plane, const Vec3& at) const { return dot(plane.normal, at) - plane.offset; }
+    [[nodiscard]] bool inside(const Vec3& at) const;
+
+    const ScalarField* field_;
+    WalkStep step_;
+    Affine to_world_, to_object_;
+    Mat3 inverse_, inverse_transposed_;
+    bool isometric_ = false;  // but for its scale
+    double inner_step_ = 0;
+    double near_ = 0;   // this far from the surface one step of Newton's more is enough
+    double reach_ = 0;  // farthest way back to the surface
+    double hair_ = 0;   // beyond an edge
+    std::vector<Plane> planes_;
 };
-
-enum class WalkOutcome : std::uint8_t { moved, stayed_inside, lost };
-
-/// Three independent normal numbers of a counter: Box-Muller, with the same bits on every machine.
-[[nodiscard]] std::array<double, 3> normal_numbers(Seed seed, const DrawKey& key);
-
-/// Moves x by one step of noise dw/step; `x` stays where it cannot go.
-[[nodiscard]] WalkOutcome walk_one_step(const WorldField& field, const WalkStep& step, const std::array<double, 3>& noise,
-                                        Vec3& x);
 
 }  // namespace pellucid

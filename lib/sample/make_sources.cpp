@@ -1,5 +1,8 @@
 #include "sample/make_sources.hpp"
 
+#include <cmath>
+
+#include "sample/mesh_sampler.hpp"
 #include "sample/volume_source.hpp"
 
 namespace pellucid {
@@ -12,19 +15,43 @@ SourceRefs::SourceRefs(const std::vector<LineSampler>& samplers) {
     for (const LineSampler& sampler : samplers) refs_.push_back(&sampler);
 }
 
-Sources make_sources(const PreparedScene& scene, SamplerKind kind, const WalkSettings& walk) {
+namespace {
+
+[[nodiscard]] int mesh_cells(const Object& object, const Camera& camera, const SourceSettings& settings) {
+    if (!(settings.mesh_error_px > 0)) return settings.mesh_cells;
+    const auto pixel = ViewThinning(object, camera).least_pixel_area();
+    return pixel ? cells_for_error(object, settings.mesh_error_px * std::sqrt(*pixel)) : settings.mesh_cells;
+}
+
+/// The source of one surface.
+[[nodiscard]] std::unique_ptr<const ParticleSource> make_source(const Object& object, const Camera& camera,
+                                                                std::uint32_t id, SamplerKind kind,
+                                                                const SourceSettings& settings) {
+    switch (kind) {
+        case SamplerKind::lines:
+        case SamplerKind::stratified: break;
+        case SamplerKind::brownian: return std::make_unique<BrownianSource>(object, camera, id, settings.walk);
+        case SamplerKind::mesh:
+            // Meshes, rectangles and slices are flat already: lines take them as they are.
+            if (!object.geometry->field_surface()) break;
+            return std::make_unique<MeshSampler>(
+                object, tessellate(object, mesh_cells(object, camera, settings)).mesh, camera, id);
+        case SamplerKind::octree:
+            return std::make_unique<MeshSampler>(object, octree_triangles(object, settings.octree_cells).mesh, camera, id);
+    }
+    return std::make_unique<LineSampler>(object, camera, id, scene.settings.lights);
+}
+
+}  // namespace
+
+Sources make_sources(const PreparedScene& scene, SamplerKind kind, const SourceSettings& settings) {
     Sources sources;
     for (std::size_t i = 0; i < scene.objects.size(); ++i) {
-        switch (kind) {
-            case SamplerKind::lines:
-            case SamplerKind::stratified:
-                sources.push_back(std::make_unique<LineSampler>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i), scene.settings.lights));
-                break;
-            case SamplerKind::brownian:
-                sources.push_back(
-                    std::make_unique<BrownianSource>(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i), walk));
-                break;
-        }
+        const Object& object = scene.objects[i];
+        auto source = make_source(scene, static_cast<std::uint32_t>(i), kind, settings);
+        if (settings.counting_spheres)
+            source = counted_source(std::move(source), object, scene.camera, settings.counting, settings.seed);
+        sources.push_back(std::move(source));
     }
     for (std::size_t i = 0; i < scene.volumes.size(); ++i) sources.push_back(std::make_unique<VolumeSource>(scene, i));
     return sources;

@@ -145,4 +145,7 @@ public:
 /// A surface without any patch (an isovalue that is never crossed) is legal and warned of.
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface);
 
+/// Triangles that were made, not read, in world space; normals of unit length or zero, or none.
+[[nodiscard]] std::unique_ptr<SurfaceGeometry> make_mesh_geometry(TriangleMesh world);
+
 }  // namespace pellucid

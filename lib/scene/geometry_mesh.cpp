@@ -63,6 +63,10 @@ private:
 
 }  // namespace
 
+std::unique_ptr<SurfaceGeometry> make_mesh_geometry(TriangleMesh world) {
+    return std::make_unique<MeshGeometry>(std::move(world));
+}
+
 std::unique_ptr<SurfaceGeometry> make_mesh(const Surface& surface, const MeshShape& shape) {
     TriangleMesh mesh = read_mesh(shape.file);
     for (Vec3& p : mesh.positions) p = surface.to_world.point(p);

@@ -1,0 +1,268 @@
+// Brownian motion on surfaces: uniform in the world's area, at edges too; the twins of its step are seen to be wrong.
+#include "sample/brownian_source.hpp"
+
+#include <numeric>
+
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "sample/make_sources.hpp"
+#include "scene_testing.hpp"
+
+namespace pellucid {
+namespace {
+
+using namespace testing_scenes;
+
+PreparedScene scene_of(const std::string& body, const std::string& camera = "position = [7, 5, 6]\nview_height = 12") {
+    return prepare(scene_from("image.resolution = [16, 16]\n[camera]\nprojection = \"orthographic\"\n" + camera +
+                              "\n[[surface]]\nopacity_law = \"oblique\"\n" + body));
+}
+
+/// The last positions of many walkers, each on its own: independent, so that χ² judges them.
+std::vector<Vec3> places(const PreparedScene& scene, WalkSettings settings, std::uint32_t walkers, std::uint32_t steps) {
+    settings.walkers = walkers;
+    settings.thinning = steps;
+    const BrownianSource source(scene.objects[0], scene.camera, 0, settings);
+    // A quarter of them a repeat, so that threads share the work.
+    std::vector<std::vector<Vec3>> parts(4);
+    parallel_for(4, 1, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            parts[i] = source.positions({7}, static_cast<std::uint32_t>(i), walkers / 4);
+    });
+    std::vector<Vec3> all;
+    for (const auto& part : parts) all.insert(all.end(), part.begin(), part.end());
+    return all;
+}
+
+std::size_t bin(double u, std::size_t n) {
+    return std::min(n - 1, static_cast<std::size_t>(std::max(0.0, u) * static_cast<double>(n)));
+}
+double turn(double y, double x) { return 0.5 + std::atan2(y, x) / (2 * M_PI); }
+
+double uniformity_p(const std::vector<Vec3>& found, std::size_t cells, const std::function<std::size_t(const Vec3&)>& cell) {
+    std::vector<std::int64_t> counts(cells, 0);
+    for (const Vec3& p : found) ++counts.at(cell(p));
+    return chi2_uniformity(counts)->p_value;
+}
+
+std::size_t sphere_cell(const Vec3& p) { return 8 * bin(0.5 + 0.5 * p.z, 6) + bin(turn(p.y, p.x), 8); }
+std::size_t torus_cell(const Vec3& p) {  // radii 1 and 0.4
+    const double tube = turn(p.z, std::hypot(p.x, p.y) - 1) * 2 * M_PI - M_PI;
+    return 6 * bin(0.5 + (tube + 0.4 * std::sin(tube)) / (2 * M_PI), 8) + bin(turn(p.y, p.x), 6);
+}
+
+// Of 24000 points in 48 cells: a bias of 5 % in half of the cells gives χ² 60 more than its 47.
+TEST(Brownian, StaysUniformOnSphereAndTorus) {
+    const PreparedScene sphere = scene_of("implicit = \"sphere\"");
+    const auto on_sphere = places(sphere, {.step = 0.02}, 24000, 40);
+    EXPECT_GT(uniformity_p(on_sphere, 48, sphere_cell), 1e-4);
+    for (const Vec3& p : on_sphere) ASSERT_NEAR(length(p), 1, 1e-11);
+    EXPECT_GT(uniformity_p(places(scene_of("implicit = \"torus\""), {.step = 0.01}, 24000, 40), 48, torus_cell), 1e-4);
+}
+
+// An affine map that is no similarity: uniform in object space would be another law.
+TEST(Brownian, IsUniformInTheAreaOfTheWorld) {
+    // A sphere stretched along z to an ellipsoid of half-axis 3: by a formula, and by the map.
+    const PreparedScene mapped = scene_of("implicit = \"sphere\"\nscale = [1, 1, 3]\n");
+    const auto found = places(mapped, {.step = 0.006}, 24000, 120);
+    // Bands of equal area of the spheroid: ∫ 2π √(1 − z²/9) √(1 + …) dz numerically.
+    constexpr int kBands = 12;
+    std::vector<double> border(1, -3.0);
+    const auto slope = [](double t) { return 2 * M_PI * std::cos(t) * std::sqrt(9 * std::cos(t) * std::cos(t) + std::sin(t) * std::sin(t)); };
+    double total = 0;
+    constexpr int kSteps = 200000;
+    for (int i = 0; i < kSteps; ++i) total += slope(M_PI * ((i + 0.5) / kSteps - 0.5)) * M_PI / kSteps;
+    double sum = 0;
+    for (int i = 0; i < kSteps; ++i) {
+        const double t = M_PI * ((i + 0.5) / kSteps - 0.5);
+        sum += slope(t) * M_PI / kSteps;
+        if (sum > total * static_cast<double>(border.size()) / kBands && border.size() < kBands) border.push_back(3 * std::sin(t));
+    }
+    const auto band = [&](const Vec3& p) {
+        return static_cast<std::size_t>(std::ranges::upper_bound(border, p.z) - border.begin()) - 1;
+    };
+    EXPECT_GT(uniformity_p(found, kBands, [&](const Vec3& p) { return std::min<std::size_t>(band(p), kBands - 1); }), 1e-4);
+    const BrownianSource source(mapped.objects[0], mapped.camera, 0, {});
+    EXPECT_NEAR(source.area(), total, 4 * source.area_error() + 1e-9);
+    EXPECT_LT(source.area_error(), 1e-3 * source.area());
+}
+
+// Half a sphere, its edge a circle; a cylinder between its bounds; a rectangle with corners, as a formula.
+struct EdgeCase {
+    const char* name;
+    const char* body;
+    double step;
+    std::size_t cells;
+    std::size_t (*cell)(const Vec3&);
+};
+void PrintTo(const EdgeCase& c, std::ostream* out) { *out << c.name; }
+
+const EdgeCase kEdges[] = {
+    {"half a sphere", "implicit = \"sphere\"\nclip = [{ normal = [0, 0, 1], offset = 0.0 }]", 0.025, 40,
+     [](const Vec3& p) { return bin(-p.z, 40); }},
+    {"cap of a sphere", "implicit = \"sphere\"\nclip = [{ normal = [0, 0, 1], offset = -0.5 }]", 0.01, 25,
+     [](const Vec3& p) { return bin(-2 * p.z - 1, 25); }},
+    {"cylinder", "implicit = \"cylinder\"", 0.04, 40, [](const Vec3& p) { return bin(0.5 + 0.5 * p.z, 40); }},
+    {"square", "expression = \"z+0.1\"\nbounds = [[-1, -1, -1], [1, 1, 1]]", 0.03, 100,
+     [](const Vec3& p) { return 10 * bin(0.5 + 0.5 * p.x, 10) + bin(0.5 + 0.5 * p.y, 10); }},
+};
+
+class BrownianEdge : public testing::TestWithParam<EdgeCase> {};
+
+TEST_P(BrownianEdge, KeepsTheUniformLaw) {
+    const PreparedScene scene = scene_of(GetParam().body);
+    EXPECT_GT(uniformity_p(places(scene, {.step = GetParam().step}, 24000, 60), GetParam().cells, GetParam().cell), 1e-4);
+}
+
+TEST_P(BrownianEdge, ThatDrawsAgainUntilAStepEndsInsideIsSeenToBeWrong) {
+    const PreparedScene scene = scene_of(GetParam().body);
+    WalkSettings wrong{.step = GetParam().step};
+    wrong.twin.edge = WalkStep::Edge::redraw;
+    EXPECT_LT(uniformity_p(places(scene, wrong, 24000, 60), GetParam().cells, GetParam().cell), 1e-6);
+}
+
+INSTANTIATE_TEST_SUITE_P(Shapes, BrownianEdge, testing::ValuesIn(kEdges));
+
+// A step that is not made at an edge leaves the law, but the particle comes twice.
+TEST(Brownian, FoldingMakesNoParticleTwice) {
+    const PreparedScene scene = scene_of(kEdges[3].body);
+    for (const auto edge : {WalkStep::Edge::fold, WalkStep::Edge::stay}) {
+        WalkSettings settings{.step = 0.05, .walkers = 64};
+        settings.twin.edge = edge;
+        const BrownianSource source(scene.objects[0], scene.camera, 0, settings);
+        const auto at = source.positions({1}, 0, 64 * 200);
+        std::size_t twice = 0;
+        for (std::size_t i = 64; i < at.size(); ++i) twice += at[i] == at[i - 64] ? 1U : 0U;
+        const bool fold = edge == WalkStep::Edge::fold;
+        EXPECT_TRUE(fold ? twice == 0 : twice > 300) << twice;
+    }
+}
+
+// ⟨x·x'⟩ on the unit sphere, against the exact step of a formula with its own gradient: 1 − step² + …; and |x| = 1.
+TEST(Brownian, WrongTwinsOfTheStepAreSeen) {
+    const PreparedScene scene = scene_of("implicit = \"sphere\"");
+    const auto cosine_z = [&](const WalkStep& twin) {
+        constexpr double kStep = 0.1;
+        WalkSettings settings{.step = kStep, .walkers = 500, .drift = false};
+        settings.twin = twin;
+        const BrownianSource source(scene.objects[0], scene.camera, 0, settings);
+        const auto at = source.positions({3}, 0, 500 * 60);
+        MeanVariance cosine;
+        for (std::size_t i = 500; i < at.size(); ++i) cosine.add(dot(at[i], at[i - 500]) / (length(at[i]) * length(at[i - 500])));
+        // ∫ e^(−t)/√(1 + 2σ²t) dt, σ a share of the width 2.
+        double expected = 0;
+        for (int i = 0; i < 400000; ++i)
+            expected += std::exp(-1e-4 * (i + 0.5)) / std::sqrt(1 + 8 * kStep * kStep * 1e-4 * (i + 0.5)) * 1e-4;
+        return (cosine.mean() - expected) / cosine.standard_error();
+    };
+    EXPECT_LT(std::abs(cosine_z({})), 4);
+    EXPECT_GT(std::abs(cosine_z({.noise = 0.5})), 20);
+    EXPECT_GT(std::abs(cosine_z({.projected = false})), 4);
+
+    WalkSettings loose{.step = 0.01, .walkers = 100, .drift = false};
+    loose.twin.corrected = false;
+    const BrownianSource source(scene.objects[0], scene.camera, 0, loose);
+    double off = 0;
+    for (const Vec3& p : source.positions({3}, 0, 100 * 50)) off = std::max(off, std::abs(length(p) - 1));
+    EXPECT_GT(off, 1e-3);
+}
+
+// Landing chance of every pixel against random lines of the same object: w/s, both laws and projections.
+TEST(Brownian, DensityIsThatOfRandomLinesForEveryLawAndProjection) {
+    int tests = 0;
+    for (const char* shape : {"torus", "cylinder"})
+        for (const bool perspective : {false, true})
+            for (const bool oblique : {false, true}) {
+                const PreparedScene scene = prepare(scene_from(fmt::format(
+                    "image.resolution = [8, 8]\n[camera]\nprojection = \"{}\"\nposition = [1.6, 2.0, 2.4]\n{}\n[[surface]]\nimplicit = \"{}\"\n"
+                    "opacity_law = \"{}\"\nrotate_degrees = [20, 30, 40]\nscale = [1, 0.7, 1]\nclip = [{{ normal = [1, 0, 0], offset = 0.6 }}]\n",
+                    perspective ? "perspective" : "orthographic", perspective ? "fov_degrees = 40" : "view_height = 2.2", shape,
+                    oblique ? "oblique" : "constant")));
+                const BrownianSource walk(scene.objects[0], scene.camera, 0, {.step = 0.02, .walkers = 60000, .thinning = 3});
+                const LineSampler lines(scene.objects[0], scene.camera, 0);
+                std::vector<double> a(64, 0), b(64, 0);
+                const auto count = [&](const std::vector<SourcePoint>& points, std::vector<double>& counts) {
+                    for (const SourcePoint& p : points) {
+                        const Vec2 at = scene.camera.project(p.view);
+                        ++counts[static_cast<std::size_t>(at.x) + 8 * static_cast<std::size_t>(at.y)];
+                    }
+                };
+                constexpr std::uint32_t kTrials = 60000;
+                std::vector<SourcePoint> points;
+                walk.trials_in_block(0, {4}, 0, 0, kTrials, points);
+                count(points, a);
+                points.clear();
+                for (std::uint64_t i = 0; i < kTrials; ++i)
+                    if (const auto p = lines.trial({5}, 0, i)) points.push_back(*p);
+                count(points, b);
+                // Expected in proportion to 1/V.
+                const double scale = lines.virtual_pixels() / walk.virtual_pixels();
+                double statistic = 0;
+                int bins = 0;
+                for (std::size_t i = 0; i < 64; ++i) {
+                    if (b[i] * std::min(1.0, scale) < 20) continue;
+                    const double off = a[i] - scale * b[i];
+                    statistic += off * off / (scale * b[i] + scale * scale * b[i]);
+                    ++bins;
+                }
+                ASSERT_GT(bins, 10);
+                ++tests;
+                EXPECT_GT(chi2_survival(statistic, bins), sidak_level(0.001, 8))
+                    << shape << (perspective ? " perspective" : " orthographic") << (oblique ? " oblique" : " constant");
+            }
+    EXPECT_EQ(tests, 8);
+}
+
+TEST(Brownian, DependsOnSeedRepeatAndIndexAlone) {
+    const PreparedScene scene = scene_of("implicit = \"torus\"");
+    const BrownianSource source(scene.objects[0], scene.camera, 0, {.walkers = 50});
+    const auto all = source.positions({1}, 3, 700);
+    const auto less = source.positions({1}, 3, 333);
+    EXPECT_TRUE(std::equal(less.begin(), less.end(), all.begin()));
+    EXPECT_NE(all, source.positions({1}, 4, 700));
+    EXPECT_NE(all, source.positions({2}, 3, 700));
+    std::vector<SourcePoint> whole, part;
+    source.trials_in_block(0, {1}, 3, 0, 700, whole);
+    source.trials_in_block(0, {1}, 3, 0, 320, part);
+    source.trials_in_block(0, {1}, 3, 320, 380, part);
+    ASSERT_EQ(whole.size(), part.size());
+    for (std::size_t i = 0; i < whole.size(); ++i) EXPECT_EQ(whole[i].view, part[i].view);
+
+    const Sources sources = make_sources(scene, SamplerKind::brownian);
+    const int threads = thread_count();
+    set_thread_count(1);
+    const ParticleSet one = sample_particles(scene, sources, {.seed = {9}, .exact_count = {}}, 0, 4);
+    set_thread_count(threads);
+    const ParticleSet many = sample_particles(scene, sources, {.seed = {9}, .exact_count = {}}, 0, 4);
+    ASSERT_EQ(one.count(), many.count());
+    for (std::size_t r = 0; r < 4; ++r)
+        EXPECT_EQ(0, std::memcmp(one.repeats[r].particles.data(), many.repeats[r].particles.data(),
+                                 one.repeats[r].particles.size() * sizeof(Particle)));
+}
+
+TEST(Brownian, NeverLoopsForEverWhereTheFieldHasNoWayBack) {
+    // A pole beside the surface, a kink, and a domain that ends: steps are lost and counted, walkers are put elsewhere.
+    for (const char* text : {"1/x-2*y+z", "max(abs(x),abs(y),abs(z))-0.7", "sqrt(x)-y"}) {
+        const PreparedScene scene = scene_of(fmt::format("expression = \"{}\"\nbounds = [[-1, -1, -1], [1, 1, 1]]", text));
+        const BrownianSource source(scene.objects[0], scene.camera, 0, {.step = 0.2, .walkers = 50});
+        const auto at = source.positions({1}, 0, 50 * 100);
+        EXPECT_EQ(at.size(), 5000U);
+        for (const Vec3& p : at) ASSERT_TRUE(std::abs(p.x) < 1.001 && std::abs(p.y) < 1.001 && std::abs(p.z) < 1.001) << text;
+    }
+}
+
+TEST(Brownian, RefusesWhatHasNoField) {
+    const PreparedScene scene = scene_of("rectangle = { u = [2, 0, 1], v = [0, 1, 0] }\nname = \"card\"");
+    for (const auto kind : {SamplerKind::brownian, SamplerKind::mesh, SamplerKind::octree}) {
+        try {
+            (void)make_sources(scene, kind);
+            ADD_FAILURE();
+        } catch (const Error& error) {
+            EXPECT_NE(std::string(error.what()).find("card"), std::string::npos) << error.what();
+            EXPECT_NE(std::string(error.what()).find("particles.sampler"), std::string::npos) << error.what();
+        }
+    }
+}
+
+}  // namespace
+}  // namespace pellucid
