@@ -40,7 +40,7 @@ constexpr double kVolumeShare = 1.0 / 20;
 /// … and no more than this.
 constexpr double kVolumeError = 1e-4;
 /// Volumes are pooled in layers of at most this optical depth: within one, what lies in front of what is not known.
-constexpr double kPooledDepth = 0.1;
+constexpr double kPooledDepth = 0.05;
 
 [[nodiscard]] VolumeRaySettings volume_settings(const TruthSettings& settings) {
     VolumeRaySettings s;

@@ -14,9 +14,16 @@ constexpr std::array<double, kNodes> kNode{-0.92582009977255146157, -0.577350269
                                            0.92582009977255146157};
 constexpr std::array<double, kNodes> kWeight{98.0 / 495, 27.0 / 55, 28.0 / 45, 27.0 / 55, 98.0 / 495};
 /// The difference of the rules is the error of the lesser one; that of the better is far below.
-constexpr double kRuleGain = 16;
+constexpr double kRuleGain = 1;
 /// Pieces are halved at most so often; what is left of a jump is then 2^-30 of a cell.
 constexpr int kMostHalvings = 30;
+/// Parts of a ray below this share of its way through volumes are rounding: at the end of a hull a value may pass that of
+/// opacity 1 by its last bit.
+constexpr double kSliver = 1e-12;
+/// Shading is done in float32: differences of colours below this are its rounding, and no halving takes them away.
+constexpr double kShadingNoise = 2e-6;
+/// Colours of a layer that differ by less count as one.
+constexpr double kEvenColor = 1e-3;
 /// Where a Catmull-Rom value is looked at to find the pieces of the transfer function.
 constexpr int kLooks = 24;
 
@@ -226,6 +233,7 @@ void VolumeRay::open_cell(Walk& walk) const {
             }
             if (!(transfer.most_opacity(static_cast<double>(least), static_cast<double>(most)) > 0)) return give_up();
             const TrilinearDifferences f(corner);
+            walk.cell_values = f;
             value.degree = 3;
             value.c[0] = f.value(p);
             value.c[1] = dot(f.gradient(p), d);
@@ -359,9 +367,11 @@ VolumeRay::Sample VolumeRay::at(double t) const {
         if (!(opacity > 0)) continue;
         Vec3 color = piece.color_at(value);
         if (walk->lit) {
-            const Vec3 index = walk->from + t * walk->along - Vec3(volume.cell_shift());
-            color = shade(*scene_, volume, ray_.origin + t * ray_.direction, color,
-                          volume.gradient(glm::clamp(index, Vec3(0.0), volume.field().hull().hi)));
+            const Vec3 index = walk->from + t * walk->along;
+            const Vec3 gradient = volume.settings().interpolation == Interpolation::trilinear
+                                      ? walk->cell_values.gradient(index - Vec3(walk->cell[0], walk->cell[1], walk->cell[2]))
+                                      : volume.gradient(glm::clamp(index, Vec3(0.0), volume.field().hull().hi));
+            color = shade(*scene_, volume, ray_.origin + t * ray_.direction, color, gradient);
         }
         if (opacity >= 1) {
             ++infinite;
@@ -390,7 +400,7 @@ void VolumeRay::put(double a, double b, double optical_depth, const Vec3& color,
 
 /// On [a, b] all values are polynomials, and all transfer functions linear.
 void VolumeRay::integrate(double a, double b, int halvings, std::vector<VolumeLayer>& out) {
-    if (!(b > a) || clear_ < least_clear_) return;
+    if (!(b - a > kSliver * reach_) || clear_ < least_clear_) return;
     const double ray_length = length(ray_.direction);
     const double half = 0.5 * (b - a);
     std::array<Sample, kNodes> sample;
@@ -408,8 +418,8 @@ void VolumeRay::integrate(double a, double b, int halvings, std::vector<VolumeLa
         integrate(m, b, halvings + 1, out);
     };
     if (blocks) {
-        // The colour is that of the place where the ray ends.
-        if (!blocks_all && halvings < kMostHalvings) return halve();
+        // The colour is that of the place where the ray ends. What is left of halving is thin, and its neighbour blocks.
+        if (!blocks_all) return halvings < kMostHalvings ? halve() : void();
         const Sample entry = at(a + 1e-9 * (b - a));
         return put(a, a, kInfinity, entry.extinction == kInfinity ? entry.emission : sample[0].emission, out);
     }
@@ -445,10 +455,16 @@ void VolumeRay::integrate(double a, double b, int halvings, std::vector<VolumeLa
     const double alpha = -std::expm1(-depth);
     const Vec3 off = glm::abs(color - gauss_color);
     const double depth_error = std::abs(depth - gauss_depth) * (pooled() ? 1 / (1 + depth) : std::exp(-std::min(depth, gauss_depth)));
-    const double color_error = alpha * std::max({off.x, off.y, off.z}) / unit_;
+    const double color_off = std::max({off.x, off.y, off.z}) / unit_;
+    const double color_error = color_off > kShadingNoise ? alpha * color_off : 0;
     const double allowed = kRuleGain * settings_.tolerance * (b - a) / reach_;
-    // A pool thins its layers, so that colours must not vary in them.
-    const bool thick = pooled() && depth > settings_.most_optical_depth && depth_ <= VolumeRaySettings::kThinUntil && off != Vec3(0.0);
+    // A thick layer is put as thin ones of one colour, so colour must not vary in it.
+    const auto differs = [&](const Sample& x, const Sample& y) {
+        const Vec3 d = glm::abs(x.emission * y.extinction - y.emission * x.extinction);
+        return std::max({d.x, d.y, d.z}) > kEvenColor * unit_ * x.extinction * y.extinction;
+    };
+    const bool thick = pooled() && depth > settings_.most_optical_depth && depth_ <= VolumeRaySettings::kThinUntil &&
+                       (differs(sample[0], sample[2]) || differs(sample[2], sample[4]));
     if (halvings < kMostHalvings && ((clear_ * std::max(depth_error, color_error) > allowed) || thick)) return halve();
     put(a, b, depth, color, out);
 }

@@ -74,6 +74,7 @@ private:
         // The cell's part of the ray, and value along it.
         double cell_begin, cell_end;
         Along value;
+        TrilinearDifferences cell_values;  // trilinear
         // Pieces of the cell, rising; the current one is the last that ends behind `piece_begin`.
         std::vector<double> ends;
         std::size_t piece;

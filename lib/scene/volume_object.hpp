@@ -20,6 +20,7 @@ struct ValueRange {
 
 /// A trilinear function on the unit cube by differences: where all corners are equal it is exactly their value.
 struct TrilinearDifferences {
+    TrilinearDifferences() = default;
     /// x fastest.
     explicit TrilinearDifferences(const std::array<float, 8>& corner);
     [[nodiscard]] double value(const Vec3& t) const {
@@ -30,7 +31,7 @@ struct TrilinearDifferences {
                 z + t.x * (xz + t.y * xyz) + t.y * yz};
     }
 
-    double one, x, y, z, xy, xz, yz, xyz;
+    double one = 0, x = 0, y = 0, z = 0, xy = 0, xz = 0, yz = 0, xyz = 0;
 };
 
 /// Cells are those of the interpolant: between samples, or (nearest) around each.
