@@ -13,8 +13,6 @@ constexpr std::size_t kNodes = 5;
 constexpr std::array<double, kNodes> kNode{-0.92582009977255146157, -0.57735026918962576451, 0, 0.57735026918962576451,
                                            0.92582009977255146157};
 constexpr std::array<double, kNodes> kWeight{98.0 / 495, 27.0 / 55, 28.0 / 45, 27.0 / 55, 98.0 / 495};
-/// The difference of the rules is the error of the lesser one; that of the better is far below.
-constexpr double kRuleGain = 1;
 /// Pieces are halved at most so often; what is left of a jump is then 2^-30 of a cell.
 constexpr int kMostHalvings = 30;
 /// Parts of a ray below this share of its way through volumes are rounding: at the end of a hull a value may pass that of
@@ -457,7 +455,7 @@ void VolumeRay::integrate(double a, double b, int halvings, std::vector<VolumeLa
     const double depth_error = std::abs(depth - gauss_depth) * (pooled() ? 1 / (1 + depth) : std::exp(-std::min(depth, gauss_depth)));
     const double color_off = std::max({off.x, off.y, off.z}) / unit_;
     const double color_error = color_off > kShadingNoise ? alpha * color_off : 0;
-    const double allowed = kRuleGain * settings_.tolerance * (b - a) / reach_;
+    const double allowed = settings_.tolerance * (b - a) / reach_;
     // A thick layer is put as thin ones of one colour, so colour must not vary in it.
     const auto differs = [&](const Sample& x, const Sample& y) {
         const Vec3 d = glm::abs(x.emission * y.extinction - y.emission * x.extinction);

@@ -23,8 +23,8 @@ struct VolumeLayer {
 };
 
 struct VolumeRaySettings {
-    /// Bound of the error in opacity and colour (of a brightest colour of 1) that the whole ray may have: where the two
-    /// rules differ by 16 times as much the finer one, with twice the order, is right to far below it.
+    /// By how much the two rules may differ in opacity and colour (of a brightest colour of 1) over the whole ray. The better
+    /// one, which counts, has twice the order and errs by less.
     double tolerance = 1e-4;
     /// Opacities of transfer functions are taken as at most this.
     double most_opacity = 1;

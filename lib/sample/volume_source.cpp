@@ -15,7 +15,7 @@ namespace {
 
 /// A box of cells is cut where its parts need less than this share of its trials: smaller boxes take memory and leave the
 /// near cache earlier.
-constexpr double kWorthACut = 0.8;
+constexpr double kWorthACut = 0.6;
 /// A piece is cut while the area that a pixel sees varies on it by more than this.
 constexpr double kMostAreaRatio = 4;
 /// Below this ratio, parts of a box need no bound of their own.
