@@ -75,7 +75,7 @@ TEST(FastDrawer, DoesNotDependOnThreads) {
 // Particles on and around the borders of pixels, of tiles and of the image, at equal and at extreme depths.
 TEST(FastDrawer, IsThePlainOneOnBorders) {
     for (const DrawerScene& each : drawer_scenes()) {
-        if (each.scene.objects.size() > 4) continue;
+        if (each.scene.object_count() > 4) continue;
         SCOPED_TRACE(each.name);
         const Camera& camera = each.scene.camera;
         const ParticleFrame frame(camera);
@@ -93,7 +93,7 @@ TEST(FastDrawer, IsThePlainOneOnBorders) {
             const Vec2 side = (at - camera.center()) * camera.pixel_size() * (camera.perspective() ? z : 1);
             particles.push_back(frame.pack({side.x, side.y, z}, {unit() - 0.5, unit() - 0.5, -unit()}));
         }
-        const auto objects = static_cast<std::uint32_t>(each.scene.objects.size());
+        const auto objects = static_cast<std::uint32_t>(each.scene.object_count());
         std::vector<std::uint32_t> ends(objects, 30000);
         for (std::uint32_t i = 0; i + 1 < objects; ++i) ends[i] = 30000 / objects * (i + 1);
         ParticleSet set{frame, objects, {sort_by_tile(particles, ends, frame.projection(camera))}};

@@ -11,7 +11,8 @@ namespace {
 
 using namespace testing_scenes;
 
-Image trace(const std::string& toml, const TruthSettings& settings = {.max_error = 1e-5}, const fs::path& folder = "/") {
+Image trace(const std::string& toml, const TruthSettings& settings = {.max_error = 1e-5},
+            const fs::path& folder = "/") {
     TruthStats stats;
     return trace_truth(prepare(scene_from(toml, folder)), settings, stats);
 }
@@ -20,11 +21,17 @@ double at(const Image& image, const char* plane, int x = 1, int y = 1) {
 }
 /// Orthographic from +z, 3 × 3 pixels: rays run from z = 4 down.
 std::string head(double view = 0.3) {
-    return fmt::format("image.resolution = [3, 3]\n[camera]\nprojection = \"orthographic\"\nposition = [0, 0, 4]\nview_height = {}\n", view);
+    return fmt::format(
+        "image.resolution = [3, 3]\n[camera]\nprojection = \"orthographic\"\nposition = [0, 0, "
+        "4]\nview_height = {}\n",
+        view);
 }
-std::string volume(const std::string& expression, const std::string& transfer, const std::string& more = "", double step = 0.5) {
-    return fmt::format("[[volume]]\nexpression = \"{}\"\nbounds = [[-1, -1, -1], [1, 1, 1]]\nresolution = 5\ntransfer = {}\nopacity_step = {}\n{}\n",
-                       expression, transfer, step, more);
+std::string volume(const std::string& expression, const std::string& transfer, const std::string& more = "",
+                   double step = 0.5) {
+    return fmt::format(
+        "[[volume]]\nexpression = \"{}\"\nbounds = [[-1, -1, -1], [1, 1, 1]]\nresolution = 5\ntransfer = "
+        "{}\nopacity_step = {}\n{}\n",
+        expression, transfer, step, more);
 }
 
 TEST(VolumeTruth, HomogeneousMediumIsBeersLaw) {
@@ -45,8 +52,11 @@ TEST(VolumeTruth, OpacityRampToOneHasItsClosedForm) {
     const double expected = 1 - std::exp(-2 / 4.0);
     EXPECT_NEAR(at(trace(head() + volume("0.5 + 0.5*z", ramp, "", 4)), "A"), expected, 2e-6);
     EXPECT_NEAR(at(trace(head() + volume("0.5 - 0.5*z", ramp, "", 4)), "A"), expected, 2e-6);
-    EXPECT_NEAR(at(trace(head() + volume("0.5 - 0.5*z", ramp, "interpolation = \"catmull-rom\"", 4)), "A"), expected, 2e-6);
-    EXPECT_NEAR(at(trace(head() + volume("0.5 - 0.5*z", ramp, "", 4), {.filter = PixelFilter::particle}), "A"), expected, 2e-6);
+    EXPECT_NEAR(at(trace(head() + volume("0.5 - 0.5*z", ramp, "interpolation = \"catmull-rom\"", 4)), "A"),
+                expected, 2e-6);
+    EXPECT_NEAR(
+        at(trace(head() + volume("0.5 - 0.5*z", ramp, "", 4), {.filter = PixelFilter::particle}), "A"),
+        expected, 2e-6);
 }
 
 TEST(VolumeTruth, ColourRampInAConstantMediumHasItsClosedForm) {
@@ -55,7 +65,9 @@ TEST(VolumeTruth, ColourRampInAConstantMediumHasItsClosedForm) {
     const double sigma = std::log(2.0);
     EXPECT_NEAR(at(image, "R"), 0.5 * (1 / sigma - (2 + 1 / sigma) * std::exp(-2 * sigma)), 1e-6);
     EXPECT_NEAR(at(image, "A"), 0.75, 1e-6);
-    EXPECT_NEAR(at(trace(head() + volume("z", "[[-1, 1, 0, 0, 0.5], [1, 0, 0, 0, 0.5]]", "", 1), {.filter = PixelFilter::particle}), "R"),
+    EXPECT_NEAR(at(trace(head() + volume("z", "[[-1, 1, 0, 0, 0.5], [1, 0, 0, 0, 0.5]]", "", 1),
+                         {.filter = PixelFilter::particle}),
+                   "R"),
                 at(image, "R"), 2e-4);  // layers of τ = 0.05 in which colour changes by 1/32: (τ·Δc)/12
 }
 
@@ -81,12 +93,15 @@ TEST(VolumeTruth, OverlappingMediaAddTheirExtinctions) {
 
 TEST(VolumeTruth, SurfacesLieInOrderBetweenTheParts) {
     const auto sheet = [](double z, const char* color, double opacity) {
-        return fmt::format("[[surface]]\nrectangle = {{ center = [0, 0, {}] }}\ncolor = [{}]\nopacity = {}\nshading = \"flat\"\n", z, color, opacity);
+        return fmt::format(
+            "[[surface]]\nrectangle = {{ center = [0, 0, {}] }}\ncolor = [{}]\nopacity = {}\nshading = "
+            "\"flat\"\n",
+            z, color, opacity);
     };
     // Blue medium of 0.5 a unit; sheets in front, inside of a cell, on a face of cells, behind.
     const std::string medium = volume("1", "[[0, 0, 0, 1, 0.5]]", "", 1);
-    const Image image = trace(head() + medium + sheet(1.5, "1, 0, 0", 0.3) + sheet(0.2, "0, 1, 0", 0.4) + sheet(-0.5, "1, 0, 0", 0.2) +
-                              sheet(-2, "0, 1, 0", 1));
+    const Image image = trace(head() + medium + sheet(1.5, "1, 0, 0", 0.3) + sheet(0.2, "0, 1, 0", 0.4) +
+                              sheet(-0.5, "1, 0, 0", 0.2) + sheet(-2, "0, 1, 0", 1));
     double clear = 1, r = 0, g = 0, b = 0;
     const auto pass = [&](double& sum, double alpha) {
         sum += clear * alpha;
@@ -107,18 +122,34 @@ TEST(VolumeTruth, SurfacesLieInOrderBetweenTheParts) {
 
 TEST(VolumeTruth, JumpsCutWhereTheyAre) {
     // Half-transparent a unit above 0.3, nothing below; a peak 1e-3 wide is not missed.
-    EXPECT_NEAR(at(trace(head() + volume("z", "[[-1, 1, 1, 1, 0], [0.3, 1, 1, 1, 0], [0.3, 1, 1, 1, 0.5], [1, 1, 1, 1, 0.5]]", "", 1)), "A"),
-                1 - std::pow(0.5, 0.7), 1e-6);
-    EXPECT_NEAR(at(trace(head() + volume("z + 0.001*x", "[[0.1, 1, 1, 1, 0], [0.1, 1, 1, 1, 0.5], [0.101, 1, 1, 1, 0.5], [0.101, 1, 1, 1, 0]]",
-                                         "", 1e-3)), "A"), 0.5, 1e-5);
+    EXPECT_NEAR(
+        at(trace(head() +
+                 volume("z", "[[-1, 1, 1, 1, 0], [0.3, 1, 1, 1, 0], [0.3, 1, 1, 1, 0.5], [1, 1, 1, 1, 0.5]]",
+                        "", 1)),
+           "A"),
+        1 - std::pow(0.5, 0.7), 1e-6);
+    EXPECT_NEAR(
+        at(trace(
+               head() +
+               volume("z + 0.001*x",
+                      "[[0.1, 1, 1, 1, 0], [0.1, 1, 1, 1, 0.5], [0.101, 1, 1, 1, 0.5], [0.101, 1, 1, 1, 0]]",
+                      "", 1e-3)),
+           "A"),
+        0.5, 1e-5);
     // At the value itself what follows counts: a plateau that has exactly that value.
-    EXPECT_NEAR(at(trace(head() + volume("1", "[[1, 1, 1, 1, 0], [1, 1, 1, 1, 0.5]]", "rotate_degrees = [0, 0, 17]", 1)), "A"), 0.75, 1e-6);
+    EXPECT_NEAR(at(trace(head() + volume("1", "[[1, 1, 1, 1, 0], [1, 1, 1, 1, 0.5]]",
+                                         "rotate_degrees = [0, 0, 17]", 1)),
+                   "A"),
+                0.75, 1e-6);
 }
 
 TEST(VolumeTruth, OpacityOneBlocksExactly) {
     // Clear red medium down to z = 0.25, then solid green that turns blue below.
-    const Image image = trace(head() + volume("z", "[[-1, 0, 0, 1, 1], [0.25, 0, 1, 0, 1], [0.25, 1, 0, 0, 0.5], [1, 1, 0, 0, 0.5]]", "", 1) +
-                              "[[surface]]\nrectangle = { center = [0, 0, -0.5] }\nshading = \"flat\"\n");
+    const Image image =
+        trace(head() +
+              volume("z", "[[-1, 0, 0, 1, 1], [0.25, 0, 1, 0, 1], [0.25, 1, 0, 0, 0.5], [1, 1, 0, 0, 0.5]]",
+                     "", 1) +
+              "[[surface]]\nrectangle = { center = [0, 0, -0.5] }\nshading = \"flat\"\n");
     const double clear = std::pow(0.5, 0.75);
     EXPECT_NEAR(at(image, "R"), 1 - clear, 1e-6);
     EXPECT_NEAR(at(image, "G"), clear, 1e-6);
@@ -130,9 +161,12 @@ TEST(VolumeTruth, LabelsReachHalfWayToTheirNeighbours) {
     const fs::path folder = test_folder();
     // Labels 0 1 2 along z at 0, 1, 2: label 1 fills 0.5 … 1.5, label 2 1.5 … 2.
     put_volume(folder / "l.nrrd", {2, 2, 3}, sampled({2, 2, 3}, [](const Vec3& p) { return p.z; }));
-    const std::string toml = "image.resolution = [1, 1]\n[camera]\nprojection = \"orthographic\"\nposition = [0.5, 0.5, 9]\ntarget = [0.5, 0.5, 0]\nview_height = 0.1\n"
-                             "[[volume]]\nfile = \"l.nrrd\"\ninterpolation = \"nearest\"\nopacity_step = 1\n"
-                             "transfer = [[0, 0, 0, 0, 0], [0.5, 0, 0, 0, 0], [0.5, 1, 0, 0, 0.4], [1.5, 1, 0, 0, 0.4], [1.5, 0, 1, 0, 0.7]]\n";
+    const std::string toml =
+        "image.resolution = [1, 1]\n[camera]\nprojection = \"orthographic\"\nposition = [0.5, 0.5, "
+        "9]\ntarget = [0.5, 0.5, 0]\nview_height = 0.1\n"
+        "[[volume]]\nfile = \"l.nrrd\"\ninterpolation = \"nearest\"\nopacity_step = 1\n"
+        "transfer = [[0, 0, 0, 0, 0], [0.5, 0, 0, 0, 0], [0.5, 1, 0, 0, 0.4], [1.5, 1, 0, 0, 0.4], [1.5, 0, "
+        "1, 0, 0.7]]\n";
     const Image image = trace(toml, {.max_error = 1e-5}, folder);
     EXPECT_NEAR(at(image, "G", 0, 0), 1 - std::sqrt(0.3), 1e-6);
     EXPECT_NEAR(at(image, "R", 0, 0), std::sqrt(0.3) * 0.4, 1e-6);
@@ -155,7 +189,8 @@ Marched march(const PreparedScene& scene, const Ray& ray, int steps) {
             const Vec3 index = volume.to_index().point(world);
             const double value = volume.field().value(index);
             bool kept = std::isfinite(value);
-            for (const ClipPlane& plane : volume.settings().clip) kept = kept && dot(plane.normal, world) <= plane.offset;
+            for (const ClipPlane& plane : volume.settings().clip)
+                kept = kept && dot(plane.normal, world) <= plane.offset;
             if (!kept) continue;
             const double sigma = -std::log(1 - volume.transfer().opacity(value)) / volume.opacity_step();
             Vec3 color = volume.transfer().color(value);
@@ -163,8 +198,10 @@ Marched march(const PreparedScene& scene, const Ray& ray, int steps) {
             if (!volume.settings().shading.flat && gradient != Vec3(0.0)) {
                 // One headlight: n·l = |cos| between gradient and ray, in the world.
                 const Vec3 normal = glm::transpose(glm::inverse(volume.to_world().linear)) * gradient;
-                const double cosine = std::abs(dot(normal, ray.direction)) / (length(normal) * length(ray.direction));
-                color = color * (volume.settings().shading.ambient + volume.settings().shading.diffuse * cosine);
+                const double cosine =
+                    std::abs(dot(normal, ray.direction)) / (length(normal) * length(ray.direction));
+                color =
+                    color * (volume.settings().shading.ambient + volume.settings().shading.diffuse * cosine);
             }
             extinction += sigma;
             emission += sigma * color;
@@ -184,15 +221,22 @@ TEST_P(VolumeMarch, RaysEqualSmallSteps) {
     const fs::path folder = test_folder();
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> unit(0, 1);
-    put_volume(folder / "noise.nrrd", {6, 5, 7}, sampled({6, 5, 7}, [&](const Vec3& p) { return p.x > 3 && p.y < 2 ? 0.05 : unit(random); }), {0.4, 0.5, 0.3});
+    put_volume(folder / "noise.nrrd", {6, 5, 7},
+               sampled({6, 5, 7}, [&](const Vec3& p) { return p.x > 3 && p.y < 2 ? 0.05 : unit(random); }),
+               {0.4, 0.5, 0.3});
     std::vector<float> holes = sampled({5, 5, 5}, [&](const Vec3&) { return unit(random); });
     holes[62] = std::numeric_limits<float>::quiet_NaN();
     put_volume(folder / "holes.nrrd", {5, 5, 5}, holes, Vec3(0.3));
-    const std::string transfer = "transfer = [[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.6, 0, 0, 1, 0.05], [0.6, 1, 1, 0, 0.3], [0.9, 1, 1, 1, 0.6]]\n";
+    const std::string transfer =
+        "transfer = [[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.6, 0, 0, 1, 0.05], [0.6, 1, 1, 0, 0.3], "
+        "[0.9, 1, 1, 1, 0.6]]\n";
     const std::string toml =
-        "image.resolution = [4, 4]\n[camera]\nposition = [3, 2.5, 4]\ntarget = [0.2, 0, 0.2]\nfov_degrees = 25\n"
-        "[[volume]]\nfile = \"noise.nrrd\"\nmatrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, 0,0,0,1]\n"
-        "clip = [{ normal = [1, 0.2, 0], offset = 0.5 }]\n" + transfer + fmt::format("interpolation = \"{}\"\nshading = {}\n", interpolation, shading) +
+        "image.resolution = [4, 4]\n[camera]\nposition = [3, 2.5, 4]\ntarget = [0.2, 0, 0.2]\nfov_degrees = "
+        "25\n"
+        "[[volume]]\nfile = \"noise.nrrd\"\nmatrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, "
+        "0,0,0,1]\n"
+        "clip = [{ normal = [1, 0.2, 0], offset = 0.5 }]\n" +
+        transfer + fmt::format("interpolation = \"{}\"\nshading = {}\n", interpolation, shading) +
         "[[volume]]\nfile = \"holes.nrrd\"\nrotate_degrees = [20, 30, 40]\nopacity_step = 0.2\n" + transfer;
     const PreparedScene scene = prepare(scene_from(toml, folder));
     VolumeRay volumes(scene, {.tolerance = 1e-6});
@@ -227,9 +271,11 @@ INSTANTIATE_TEST_SUITE_P(All, VolumeMarch,
                                           testing::Values("\"flat\"", "{ ambient = 0.3, diffuse = 0.7 }")));
 
 TEST(VolumeTruth, CoarseToleranceKeepsItsBound) {
-    const std::string toml = "image.resolution = [5, 5]\ncamera.position = [1, 2, 4]\n" +
-                             volume("sin(9*x)*cos(7*y) + z", "[[-1, 1, 0, 0, 0], [0.2, 0, 1, 0, 0.7], [0.2, 1, 1, 1, 0.1], [1, 0, 0, 1, 0.9]]",
-                                    "shading = { specular = 0.5 }", 0.3);
+    const std::string toml =
+        "image.resolution = [5, 5]\ncamera.position = [1, 2, 4]\n" +
+        volume("sin(9*x)*cos(7*y) + z",
+               "[[-1, 1, 0, 0, 0], [0.2, 0, 1, 0, 0.7], [0.2, 1, 1, 1, 0.1], [1, 0, 0, 1, 0.9]]",
+               "shading = { specular = 0.5 }", 0.3);
     const PreparedScene scene = prepare(scene_from(toml));
     for (const double tolerance : {1e-3, 1e-4, 1e-5}) {
         VolumeRay coarse(scene, {.tolerance = tolerance}), fine(scene, {.tolerance = 1e-8});
@@ -254,7 +300,8 @@ TEST(VolumeTruth, CoarseToleranceKeepsItsBound) {
 TEST(VolumeTruth, OneSampleAlongAnAxisDrawsNothing) {
     const fs::path folder = test_folder();
     put_volume(folder / "flat.nrrd", {4, 4, 1}, std::vector<float>(16, 1.0F));
-    const Image image = trace(head(3) + "[[volume]]\nfile = \"flat.nrrd\"\ntransfer = [[0, 1, 1, 1, 0.5]]\n", {}, folder);
+    const Image image =
+        trace(head(3) + "[[volume]]\nfile = \"flat.nrrd\"\ntransfer = [[0, 1, 1, 1, 0.5]]\n", {}, folder);
     for (const float a : image.plane("A")) EXPECT_EQ(a, 0);
 }
 
@@ -262,9 +309,12 @@ TEST(VolumeTruth, SlicesShowTheVolumeWhereTheyStand) {
     const fs::path folder = test_folder();
     put_volume(folder / "x.nrrd", {5, 5, 5}, sampled({5, 5, 5}, [](const Vec3& p) { return p.x; }));
     // The hull ends at 4; the slice goes on. Pixels of ¼ at x = 0.125, 0.375 …
-    const std::string toml = "image.resolution = [24, 1]\n[camera]\nprojection = \"orthographic\"\nposition = [3, 2, 20]\ntarget = [3, 2, 0]\nview_height = 0.25\n"
-                             "[[surface]]\nname = \"s\"\nopacity = 0.5\nshading = \"flat\"\n"
-                             "slice = { volume = \"x.nrrd\", center = [3, 2, 4], u = [3, 0, 0], v = [0, 2, 0], transfer = [[0, 0, 0, 1, 0], [4, 1, 0, 1, 0.8]] }\n";
+    const std::string toml =
+        "image.resolution = [24, 1]\n[camera]\nprojection = \"orthographic\"\nposition = [3, 2, 20]\ntarget "
+        "= [3, 2, 0]\nview_height = 0.25\n"
+        "[[surface]]\nname = \"s\"\nopacity = 0.5\nshading = \"flat\"\n"
+        "slice = { volume = \"x.nrrd\", center = [3, 2, 4], u = [3, 0, 0], v = [0, 2, 0], transfer = [[0, 0, "
+        "0, 1, 0], [4, 1, 0, 1, 0.8]] }\n";
     const Image image = trace(toml, {.max_error = 1e-4}, folder);
     for (int i = 0; i < 16; ++i) {
         const double x = 0.125 + 0.25 * i;
@@ -328,7 +378,11 @@ TEST(VolumeObject, RangesHoldEveryValue) {
     put_volume(folder / "v.nrrd", {9, 7, 5}, sampled({9, 7, 5}, [&](const Vec3&) { return unit(random); }));
     for (const char* interpolation : {"trilinear", "catmull-rom", "nearest"}) {
         const PreparedScene scene = prepare(scene_from(
-            head() + fmt::format("[[volume]]\nfile = \"v.nrrd\"\ntransfer = [[0, 1, 1, 1, 0.5]]\ninterpolation = \"{}\"\n", interpolation), folder));
+            head() +
+                fmt::format(
+                    "[[volume]]\nfile = \"v.nrrd\"\ntransfer = [[0, 1, 1, 1, 0.5]]\ninterpolation = \"{}\"\n",
+                    interpolation),
+            folder));
         const VolumeObject& v = scene.volumes[0];
         for (int i = 0; i < 20000; ++i) {
             const Vec3 p(8 * unit(random), 6 * unit(random), 4 * unit(random));

@@ -8,19 +8,19 @@
 namespace pellucid {
 namespace {
 
-/// Kronrod's extension of Gauss' two points on [−1, 1]: A. S. Kronrod, Nodes and weights of quadrature formulas, 1965.
+/// Kronrod's extension of Gauss' two points on [−1, 1]: A. S. Kronrod, Nodes and weights of quadrature
+/// formulas, 1965.
 constexpr std::size_t kNodes = 5;
-constexpr std::array<double, kNodes> kNode{-0.92582009977255146157, -0.57735026918962576451, 0, 0.57735026918962576451,
-                                           0.92582009977255146157};
+constexpr std::array<double, kNodes> kNode{-0.92582009977255146157, -0.57735026918962576451, 0,
+                                           0.57735026918962576451, 0.92582009977255146157};
 constexpr std::array<double, kNodes> kWeight{98.0 / 495, 27.0 / 55, 28.0 / 45, 27.0 / 55, 98.0 / 495};
-/// The difference of the rules is the error of the lesser one; that of the better is far below.
-constexpr double kRuleGain = 1;
 /// Pieces are halved at most so often; what is left of a jump is then 2^-30 of a cell.
 constexpr int kMostHalvings = 30;
-/// Parts of a ray below this share of its way through volumes are rounding: at the end of a hull a value may pass that of
-/// opacity 1 by its last bit.
+/// Parts of a ray below this share of its way through volumes are rounding: at the end of a hull a value may
+/// pass that of opacity 1 by its last bit.
 constexpr double kSliver = 1e-12;
-/// Shading is done in float32: differences of colours below this are its rounding, and no halving takes them away.
+/// Shading is done in float32: differences of colours below this are its rounding, and no halving takes them
+/// away.
 constexpr double kShadingNoise = 2e-6;
 /// Colours of a layer that differ by less count as one.
 constexpr double kEvenColor = 1e-3;
@@ -85,14 +85,16 @@ const Interpolation9 kInterpolation;
 
 }  // namespace
 
-VolumeRay::VolumeRay(const PreparedScene& scene, const VolumeRaySettings& settings) : scene_(&scene), settings_(settings) {
+VolumeRay::VolumeRay(const PreparedScene& scene, const VolumeRaySettings& settings)
+    : scene_(&scene), settings_(settings) {
     for (std::size_t i = 0; i < scene.volumes.size(); ++i) {
         const VolumeObject& volume = scene.volumes[i];
         if (volume.bounds().empty()) continue;
         Walk walk{};
         walk.volume = &volume;
         walk.index = static_cast<std::uint32_t>(i);
-        walk.lit = !volume.settings().shading.flat && volume.settings().interpolation != Interpolation::nearest;
+        walk.lit =
+            !volume.settings().shading.flat && volume.settings().interpolation != Interpolation::nearest;
         walks_.push_back(std::move(walk));
     }
     if (!walks_.empty()) unit_ = std::max(1.0, brightest_color(scene));
@@ -142,7 +144,8 @@ void VolumeRay::enter(Walk& walk, double t) const {
         if (walk.along[axis] < 0 && p[axis] == walk.cell[a] && walk.cell[a] > 0) --walk.cell[a];
         walk.step[a] = walk.along[axis] > 0 ? 1 : walk.along[axis] < 0 ? -1 : 0;
         walk.t_next[a] = walk.step[a] == 0 ? kInfinity
-                                           : (walk.cell[a] + (walk.step[a] > 0 ? 1 : 0) - walk.from[axis]) / walk.along[axis];
+                                           : (walk.cell[a] + (walk.step[a] > 0 ? 1 : 0) - walk.from[axis]) /
+                                                 walk.along[axis];
     }
     walk.inside = true;
     walk.cell_begin = t;
@@ -220,7 +223,8 @@ void VolumeRay::open_cell(Walk& walk) const {
     switch (volume.settings().interpolation) {
         case Interpolation::nearest: {
             value.degree = 0;
-            value.c[0] = static_cast<double>(volume.field().grid().at(walk.cell[0], walk.cell[1], walk.cell[2]));
+            value.c[0] =
+                static_cast<double>(volume.field().grid().at(walk.cell[0], walk.cell[1], walk.cell[2]));
             if (!(transfer.opacity(value.c[0]) > 0)) return give_up();
             break;
         }
@@ -231,16 +235,19 @@ void VolumeRay::open_cell(Walk& walk) const {
                 least = std::min(least, v);
                 most = std::max(most, v);
             }
-            if (!(transfer.most_opacity(static_cast<double>(least), static_cast<double>(most)) > 0)) return give_up();
+            if (!(transfer.most_opacity(static_cast<double>(least), static_cast<double>(most)) > 0))
+                return give_up();
             const TrilinearDifferences f(corner);
             walk.cell_values = f;
             value.degree = 3;
             value.c[0] = f.value(p);
             value.c[1] = dot(f.gradient(p), d);
-            value.c[2] = d.x * d.y * (f.xy + p.z * f.xyz) + d.x * d.z * (f.xz + p.y * f.xyz) + d.y * d.z * (f.yz + p.x * f.xyz);
+            value.c[2] = d.x * d.y * (f.xy + p.z * f.xyz) + d.x * d.z * (f.xz + p.y * f.xyz) +
+                         d.y * d.z * (f.yz + p.x * f.xyz);
             value.c[3] = d.x * d.y * d.z * f.xyz;
             if (!std::isfinite(value.c[0]) || !std::isfinite(value.c[3])) return give_up();
-            if (transfer.piece_of(static_cast<double>(least)) == transfer.piece_of(static_cast<double>(most))) {
+            if (transfer.piece_of(static_cast<double>(least)) ==
+                transfer.piece_of(static_cast<double>(most))) {
                 walk.ends.push_back(walk.cell_end);
                 return open_piece(walk);
             }
@@ -265,11 +272,13 @@ void VolumeRay::open_cell(Walk& walk) const {
             const auto first = static_cast<double>(around[0]);
             std::array<double, 10> at{};
             for (std::size_t i = 0; i < 10; ++i)
-                at[i] = catmull_rom_value(around, first, glm::clamp(p + kInterpolation.node[i] * d, Vec3(0.0), Vec3(1.0)));
+                at[i] = catmull_rom_value(around, first,
+                                          glm::clamp(p + kInterpolation.node[i] * d, Vec3(0.0), Vec3(1.0)));
             value.degree = 9;
             for (std::size_t k = 0; k < 10; ++k) {
                 value.c[k] = 0;
-                for (std::size_t i = 0; i < 10; ++i) value.c[k] += kInterpolation.to_coefficients[k][i] * at[i];
+                for (std::size_t i = 0; i < 10; ++i)
+                    value.c[k] += kInterpolation.to_coefficients[k][i] * at[i];
             }
             value.c[0] += first;
             if (!std::isfinite(value.c[0])) return give_up();
@@ -286,7 +295,8 @@ void VolumeRay::open_cell(Walk& walk) const {
         const double least = std::min(left, right);
         const double most = std::max(left, right);
         const std::size_t first = walk.ends.size();
-        for (auto k = std::upper_bound(kinks.begin(), kinks.end(), least); k != kinks.end() && *k < most; ++k) {
+        for (auto k = std::upper_bound(kinks.begin(), kinks.end(), least); k != kinks.end() && *k < most;
+             ++k) {
             double lo = stop[s], hi = stop[s + 1];
             const bool rising = right > left;
             for (int i = 0; i < 60 && hi - lo > 1e-15; ++i) {  // one root: the value is monotone
@@ -295,7 +305,8 @@ void VolumeRay::open_cell(Walk& walk) const {
             }
             walk.ends.push_back(middle + 0.5 * (lo + hi) * half);
         }
-        if (right < left) std::reverse(walk.ends.begin() + static_cast<std::ptrdiff_t>(first), walk.ends.end());
+        if (right < left)
+            std::reverse(walk.ends.begin() + static_cast<std::ptrdiff_t>(first), walk.ends.end());
         left = right;
     }
     walk.ends.push_back(walk.cell_end);
@@ -359,18 +370,21 @@ VolumeRay::Sample VolumeRay::at(double t) const {
     for (const Walk* walk : here_) {
         const double half = 0.5 * (walk->cell_end - walk->cell_begin);
         const double middle = 0.5 * (walk->cell_end + walk->cell_begin);
-        const double value = walk->value.degree == 0 ? walk->value.c[0] : walk->value(half > 0 ? (t - middle) / half : 0);
+        const double value =
+            walk->value.degree == 0 ? walk->value.c[0] : walk->value(half > 0 ? (t - middle) / half : 0);
         const VolumeObject& volume = *walk->volume;
         const TransferFunction& transfer = volume.transfer();
-        const TransferFunction::Piece& piece = walk->transfer != nullptr ? *walk->transfer : transfer.pieces()[transfer.piece_of(value)];
+        const TransferFunction::Piece& piece =
+            walk->transfer != nullptr ? *walk->transfer : transfer.pieces()[transfer.piece_of(value)];
         const double opacity = std::min(piece.opacity_at(value), settings_.most_opacity);
         if (!(opacity > 0)) continue;
         Vec3 color = piece.color_at(value);
         if (walk->lit) {
             const Vec3 index = walk->from + t * walk->along;
-            const Vec3 gradient = volume.settings().interpolation == Interpolation::trilinear
-                                      ? walk->cell_values.gradient(index - Vec3(walk->cell[0], walk->cell[1], walk->cell[2]))
-                                      : volume.gradient(glm::clamp(index, Vec3(0.0), volume.field().hull().hi));
+            const Vec3 gradient =
+                volume.settings().interpolation == Interpolation::trilinear
+                    ? walk->cell_values.gradient(index - Vec3(walk->cell[0], walk->cell[1], walk->cell[2]))
+                    : volume.gradient(glm::clamp(index, Vec3(0.0), volume.field().hull().hi));
             color = shade(*scene_, volume, ray_.origin + t * ray_.direction, color, gradient);
         }
         if (opacity >= 1) {
@@ -386,12 +400,14 @@ VolumeRay::Sample VolumeRay::at(double t) const {
     return sum;
 }
 
-void VolumeRay::put(double a, double b, double optical_depth, const Vec3& color, std::vector<VolumeLayer>& out) {
+void VolumeRay::put(double a, double b, double optical_depth, const Vec3& color,
+                    std::vector<VolumeLayer>& out) {
     if (!(optical_depth > 0)) return;
     for (const Walk* walk : here_) met_ |= std::uint64_t{1} << (walk->index & 63U);
-    const double parts = optical_depth <= settings_.most_optical_depth || depth_ > VolumeRaySettings::kThinUntil
-                             ? 1
-                             : std::ceil(optical_depth / settings_.most_optical_depth);
+    const double parts =
+        optical_depth <= settings_.most_optical_depth || depth_ > VolumeRaySettings::kThinUntil
+            ? 1
+            : std::ceil(optical_depth / settings_.most_optical_depth);
     for (int i = 0; i < parts; ++i)
         out.push_back({a + (b - a) * ((i + 0.5) / parts), optical_depth / parts, color});
     depth_ += optical_depth;
@@ -418,7 +434,8 @@ void VolumeRay::integrate(double a, double b, int halvings, std::vector<VolumeLa
         integrate(m, b, halvings + 1, out);
     };
     if (blocks) {
-        // The colour is that of the place where the ray ends. What is left of halving is thin, and its neighbour blocks.
+        // The colour is that of the place where the ray ends. What is left of halving is thin, and its
+        // neighbour blocks.
         if (!blocks_all) return halvings < kMostHalvings ? halve() : void();
         const Sample entry = at(a + 1e-9 * (b - a));
         return put(a, a, kInfinity, entry.extinction == kInfinity ? entry.emission : sample[0].emission, out);
@@ -448,24 +465,29 @@ void VolumeRay::integrate(double a, double b, int halvings, std::vector<VolumeLa
         }
     }
     // So thick that nothing of it passes the first point.
-    if (!(weight > 0)) return halvings < kMostHalvings ? halve() : put(a, b, depth, sample[0].emission / sample[0].extinction, out);
+    if (!(weight > 0))
+        return halvings < kMostHalvings ? halve()
+                                        : put(a, b, depth, sample[0].emission / sample[0].extinction, out);
     color /= weight;
     if (gauss_weight > 0) gauss_color /= gauss_weight;
 
     const double alpha = -std::expm1(-depth);
     const Vec3 off = glm::abs(color - gauss_color);
-    const double depth_error = std::abs(depth - gauss_depth) * (pooled() ? 1 / (1 + depth) : std::exp(-std::min(depth, gauss_depth)));
+    const double depth_error = std::abs(depth - gauss_depth) *
+                               (pooled() ? 1 / (1 + depth) : std::exp(-std::min(depth, gauss_depth)));
     const double color_off = std::max({off.x, off.y, off.z}) / unit_;
     const double color_error = color_off > kShadingNoise ? alpha * color_off : 0;
-    const double allowed = kRuleGain * settings_.tolerance * (b - a) / reach_;
+    const double allowed = settings_.tolerance * (b - a) / reach_;
     // A thick layer is put as thin ones of one colour, so colour must not vary in it.
     const auto differs = [&](const Sample& x, const Sample& y) {
         const Vec3 d = glm::abs(x.emission * y.extinction - y.emission * x.extinction);
         return std::max({d.x, d.y, d.z}) > kEvenColor * unit_ * x.extinction * y.extinction;
     };
-    const bool thick = pooled() && depth > settings_.most_optical_depth && depth_ <= VolumeRaySettings::kThinUntil &&
+    const bool thick = pooled() && depth > settings_.most_optical_depth &&
+                       depth_ <= VolumeRaySettings::kThinUntil &&
                        (differs(sample[0], sample[2]) || differs(sample[2], sample[4]));
-    if (halvings < kMostHalvings && ((clear_ * std::max(depth_error, color_error) > allowed) || thick)) return halve();
+    if (halvings < kMostHalvings && ((clear_ * std::max(depth_error, color_error) > allowed) || thick))
+        return halve();
     put(a, b, depth, color, out);
 }
 

@@ -1,9 +1,9 @@
-// Emission and absorption along rays through the volumes of a scene: N. Max, Optical models for direct volume rendering,
-// IEEE TVCG 1 (1995). Extinction σ = Σ σ_i, emission Σ σ_i c_i of all volumes at a place.
+// Emission and absorption along rays through the volumes of a scene: N. Max, Optical models for direct volume
+// rendering, IEEE TVCG 1 (1995). Extinction σ = Σ σ_i, emission Σ σ_i c_i of all volumes at a place.
 //
-// A ray is walked cell by cell of every volume, and pieces end where a cell, a hull, a clip plane or a piece of a
-// transfer function ends. On a piece, Kronrod's five points (degree 8) are compared with Gauss' two (degree 3) among
-// them, and the piece is halved until they agree.
+// A ray is walked cell by cell of every volume, and pieces end where a cell, a hull, a clip plane or a piece
+// of a transfer function ends. On a piece, Kronrod's five points (degree 8) are compared with Gauss' two
+// (degree 3) among them, and the piece is halved until they agree.
 #pragma once
 
 #include <array>
@@ -23,13 +23,13 @@ struct VolumeLayer {
 };
 
 struct VolumeRaySettings {
-    /// Bound of the error in opacity and colour (of a brightest colour of 1) that the whole ray may have: where the two
-    /// rules differ by 16 times as much the finer one, with twice the order, is right to far below it.
+    /// By how much the two rules may differ in opacity and colour (of a brightest colour of 1) over the whole
+    /// ray. The better one, which counts, has twice the order and errs by less.
     double tolerance = 1e-4;
     /// Opacities of transfer functions are taken as at most this.
     double most_opacity = 1;
-    /// Finite for layers that are pooled with those of other rays: at most this thick, up to a depth of kThinUntil, and
-    /// `clear` is of no account.
+    /// Finite for layers that are pooled with those of other rays: at most this thick, up to a depth of
+    /// kThinUntil, and `clear` is of no account.
     double most_optical_depth = kInfinity;
     static constexpr double kThinUntil = 8;
 };
@@ -43,8 +43,8 @@ public:
     [[nodiscard]] bool has_volumes() const { return !walks_.empty(); }
     /// Begins a ray between near and far.
     void start(const Ray& ray);
-    /// Appends the layers from the last place up to depth t, with a transmittance `clear` in front of them. Fewer where
-    /// nothing is seen any more (below `least_clear`).
+    /// Appends the layers from the last place up to depth t, with a transmittance `clear` in front of them.
+    /// Fewer where nothing is seen any more (below `least_clear`).
     void advance(double t, double clear, double least_clear, std::vector<VolumeLayer>& out);
     /// Bit i mod 64: volume i was met, in part of it that is not empty.
     [[nodiscard]] std::uint64_t met() const { return met_; }
@@ -78,12 +78,12 @@ private:
         // Pieces of the cell, rising; the current one is the last that ends behind `piece_begin`.
         std::vector<double> ends;
         std::size_t piece;
-        bool empty;  // the current piece is
+        bool empty;                               // the current piece is
         const TransferFunction::Piece* transfer;  // null: look it up for every value
     };
     struct Sample {
         double extinction = 0;
-        Vec3 emission{0.0};   // extinction · colour; where extinction is infinite the colour
+        Vec3 emission{0.0};  // extinction · colour; where extinction is infinite the colour
     };
 
     [[nodiscard]] bool pooled() const { return settings_.most_optical_depth < kInfinity; }
@@ -102,12 +102,12 @@ private:
     std::vector<Walk> walks_;
     std::vector<Walk*> here_;  // those that are not empty on the current piece
     Ray ray_{};
-    double t_ = 0;             // walked so far
-    double reach_ = 0;         // t_out − t_in, summed over the volumes
+    double t_ = 0;      // walked so far
+    double reach_ = 0;  // t_out − t_in, summed over the volumes
     double clear_ = 1;
-    double depth_ = 0;         // optical, of the ray so far
+    double depth_ = 0;  // optical, of the ray so far
     double least_clear_ = 0;
-    double unit_ = 1;          // brightest colour
+    double unit_ = 1;  // brightest colour
     std::uint64_t met_ = 0;
 };
 

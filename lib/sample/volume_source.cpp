@@ -13,9 +13,9 @@
 namespace pellucid {
 namespace {
 
-/// A box of cells is cut where its parts need less than this share of its trials: smaller boxes take memory and leave the
-/// near cache earlier.
-constexpr double kWorthACut = 0.8;
+/// A box of cells is cut where its parts need less than this share of its trials: smaller boxes take memory
+/// and leave the near cache earlier.
+constexpr double kWorthACut = 0.6;
 /// A piece is cut while the area that a pixel sees varies on it by more than this.
 constexpr double kMostAreaRatio = 4;
 /// Below this ratio, parts of a box need no bound of their own.
@@ -32,7 +32,8 @@ constexpr double kBlockCells = 0x1p17;
 /// Cuts one block of cells after the other.
 class VolumeSource::Cutter {
 public:
-    explicit Cutter(const VolumeSource& source) : source_(source), volume_(*source.volume_), cells_(volume_.cells()) {}
+    explicit Cutter(const VolumeSource& source)
+        : source_(source), volume_(*source.volume_), cells_(volume_.cells()) {}
 
     void cut(const std::array<int, 3>& block) {
         for (std::size_t a = 0; a < 3; ++a) first_[a] = kSide * block[a];
@@ -75,7 +76,8 @@ private:
                         bound = {};
                         for (int part = 0; part < 8; ++part) {
                             const Bound& small = level_[static_cast<std::size_t>(level - 1)][at(
-                                level - 1, {2 * i + (part & 1), 2 * j + (part >> 1 & 1), 2 * k + (part >> 2)})];
+                                level - 1,
+                                {2 * i + (part & 1), 2 * j + (part >> 1 & 1), 2 * k + (part >> 2)})];
                             bound.most = std::max(bound.most, small.most);
                             bound.sum += small.sum;
                         }
@@ -139,7 +141,8 @@ private:
             const bool inside = kept > 0 && source_.scene_->camera.wholly_in_view(corner.data(), 8);
             own.even = inside && area->most <= kEvenAreaRatio * area->least;
             const double pixels = source_.pixels_of({box.lo, box.size(), bound.most, own.least_area});
-            must = (!inside && pixels > kMostPixelsOutside) || (area->most > kMostAreaRatio * area->least && pixels > 1);
+            must = (!inside && pixels > kMostPixelsOutside) ||
+                   (area->most > kMostAreaRatio * area->least && pixels > 1);
         }
         const double whole = source_.pixels_of({box.lo, box.size(), bound.most, own.least_area});
         const Vec3 size = box.size();
@@ -148,7 +151,10 @@ private:
             const std::size_t before = pieces.size();
             double sum = 0;
             for (int part = 0; part < 8; ++part)
-                sum += add(level - 1, {2 * node[0] + (part & 1), 2 * node[1] + (part >> 1 & 1), 2 * node[2] + (part >> 2)}, own);
+                sum +=
+                    add(level - 1,
+                        {2 * node[0] + (part & 1), 2 * node[1] + (part >> 1 & 1), 2 * node[2] + (part >> 2)},
+                        own);
             if (sum < (must ? 1 : kWorthACut) * whole) return sum;
             pieces.resize(before);
         }
@@ -171,13 +177,15 @@ private:
         const double whole = source_.pixels_of(piece);
         if (!(whole > 0)) return 0;
         const bool inside = camera.wholly_in_view(corner.data(), 8);
-        if (depth < kMostCuts && ((!inside && whole > kMostPixelsOutside) || (area->most > kMostAreaRatio * area->least && whole > 1))) {
+        if (depth < kMostCuts && ((!inside && whole > kMostPixelsOutside) ||
+                                  (area->most > kMostAreaRatio * area->least && whole > 1))) {
             const std::size_t before = pieces.size();
             const Vec3 middle = box.center();
             double sum = 0;
             for (int part = 0; part < 8; ++part) {
                 Box half = box;
-                for (int axis = 0; axis < 3; ++axis) ((part >> axis & 1) != 0 ? half.lo : half.hi)[axis] = middle[axis];
+                for (int axis = 0; axis < 3; ++axis)
+                    ((part >> axis & 1) != 0 ? half.lo : half.hi)[axis] = middle[axis];
                 sum += add_box(half, most, {}, depth + 1);
             }
             if (sum < whole) return sum;
@@ -208,7 +216,8 @@ VolumeSource::VolumeSource(const PreparedScene& scene, std::size_t index, Densit
     const VolumeObject& volume = *volume_;
     if (volume.bounds().empty()) return;
     const Camera& camera = scene.camera;
-    for (int axis = 0; axis < 3; ++axis) to_view_.linear[axis] = camera.view_vector(volume.to_world().linear[axis]);
+    for (int axis = 0; axis < 3; ++axis)
+        to_view_.linear[axis] = camera.view_vector(volume.to_world().linear[axis]);
     to_view_.offset = camera.to_view(volume.to_world().offset);
     mean_area_ = camera.pixel_area(camera.to_view(volume.bounds().center()));
 
@@ -258,7 +267,9 @@ VolumeSource::VolumeSource(const PreparedScene& scene, std::size_t index, Densit
     if (virtual_pixels_ > 0) block_table_ = AliasTable(sums);
 }
 
-std::string VolumeSource::label() const { return fmt::format("volume \"{}\"", volume_->settings().name); }
+std::string VolumeSource::label() const {
+    return fmt::format("volume \"{}\"", volume_->settings().name);
+}
 
 double VolumeSource::density_of(double opacity) const {
     const double most = std::min(opacity, kMostParticleOpacity);
@@ -283,7 +294,8 @@ std::optional<VolumeSource::Point> VolumeSource::trial_in(const Piece& piece, co
     const double area = density_ == Density::without_area ? piece.least_area : camera.pixel_area(view);
     if (!(words.chance * piece.most * area < density_of(opacity) * piece.least_area)) return std::nullopt;
     const Vec2 pixel = camera.project(view);
-    if (!(pixel.x >= 0 && pixel.x < camera.width() && pixel.y >= 0 && pixel.y < camera.height())) return std::nullopt;
+    if (!(pixel.x >= 0 && pixel.x < camera.width() && pixel.y >= 0 && pixel.y < camera.height()))
+        return std::nullopt;
     const bool lit = !volume_->settings().shading.flat;
     Vec3 color = look.color_at(value);
     if (lit || !volume_->settings().clip.empty()) {
@@ -303,20 +315,23 @@ void VolumeSource::trials_in_block(std::size_t block, Seed seed, std::uint32_t r
         const std::uint32_t n = std::min(kLineChunk, count - done);
         draw_words(keys, &b.table, first + done, n, words);
         for (std::uint32_t i = 0; i < n; ++i) {
-            const Words own{words.u[i], words.v[i], unit_interval(static_cast<std::uint32_t>(words.choice[i])), words.chance[i]};
+            const Words own{words.u[i], words.v[i],
+                            unit_interval(static_cast<std::uint32_t>(words.choice[i])), words.chance[i]};
             if (const auto point = trial_in(pieces_[b.first + words.piece[i]], own)) out.push_back(*point);
         }
         done += n;
     }
 }
 
-std::optional<VolumeSource::Point> VolumeSource::trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const {
+std::optional<VolumeSource::Point> VolumeSource::trial(Seed seed, std::uint32_t repeat,
+                                                       std::uint64_t index) const {
     const auto bits = [&](std::uint32_t block) {
         return random_bits(seed, {.object = object_id_, .repeat = repeat, .index = index, .block = block});
     };
     const auto first = bits(0), second = bits(1), third = bits(2);
     const Block& block = blocks_[block_table_.pick(third[0], third[1])];
-    const Words words{unit_interval(first[0]), unit_interval(first[1]), unit_interval(first[2]), unit_interval(first[3])};
+    const Words words{unit_interval(first[0]), unit_interval(first[1]), unit_interval(first[2]),
+                      unit_interval(first[3])};
     return trial_in(pieces_[block.first + block.table.pick(second[0], second[1])], words);
 }
 
@@ -327,13 +342,15 @@ std::optional<Box> VolumeSource::block_bounds(std::size_t block) const {
         box.include(pieces_[i].lo + pieces_[i].size);
     }
     for (int i = 0; i < 8; ++i)
-        world.include(volume_->to_world().point({(i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
-                                                 (i & 4) != 0 ? box.hi.z : box.lo.z}));
+        world.include(
+            volume_->to_world().point({(i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
+                                       (i & 4) != 0 ? box.hi.z : box.lo.z}));
     return world;
 }
 
 std::size_t VolumeSource::bytes() const {
-    std::size_t sum = pieces_.capacity() * sizeof(Piece) + blocks_.capacity() * sizeof(Block) + block_table_.bytes();
+    std::size_t sum =
+        pieces_.capacity() * sizeof(Piece) + blocks_.capacity() * sizeof(Block) + block_table_.bytes();
     for (const Block& block : blocks_) sum += block.table.bytes();
     return sum;
 }

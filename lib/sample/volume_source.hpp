@@ -1,9 +1,11 @@
-// Particles of a volume (PBVR: N. Sakamoto et al., Particle-based volume rendering, APVIS 2007), for one view.
+// Particles of a volume (PBVR: N. Sakamoto et al., Particle-based volume rendering, APVIS 2007), for one
+// view.
 //
-// The density of opaque particles is what gives a ray of length Δt its opacity α = 1 − exp(−σ Δt):  ρ = σ/s(x) a volume a
-// repeat, s(x) the area that one pixel sees at x. The volume is cut into boxes of whole cells (and of parts of cells close
-// to the eye), each with a bound σ_max of the extinction in it; a trial is a uniform point of a box chosen by its
-// V = volume·σ_max/least s, and is kept with probability  σ(x)/σ_max · least s/s(x).
+// The density of opaque particles is what gives a ray of length Δt its opacity α = 1 − exp(−σ Δt):  ρ =
+// σ/s(x) a volume a repeat, s(x) the area that one pixel sees at x. The volume is cut into boxes of whole
+// cells (and of parts of cells close to the eye), each with a bound σ_max of the extinction in it; a trial is
+// a uniform point of a box chosen by its V = volume·σ_max/least s, and is kept with probability  σ(x)/σ_max ·
+// least s/s(x).
 #pragma once
 
 #include <cstdint>
@@ -30,11 +32,14 @@ public:
     [[nodiscard]] double optical_depth() const override { return 1; }
     [[nodiscard]] double virtual_pixels() const override { return virtual_pixels_; }
     [[nodiscard]] std::size_t block_count() const override { return blocks_.size(); }
-    [[nodiscard]] double block_virtual_pixels(std::size_t block) const override { return blocks_[block].virtual_pixels; }
+    [[nodiscard]] double block_virtual_pixels(std::size_t block) const override {
+        return blocks_[block].virtual_pixels;
+    }
     [[nodiscard]] std::optional<Box> block_bounds(std::size_t block) const override;
-    void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
-                         std::vector<Point>& out) const override;
-    [[nodiscard]] std::optional<Point> trial(Seed seed, std::uint32_t repeat, std::uint64_t index) const override;
+    void trials_in_block(std::size_t block, Seed seed, std::uint32_t repeat, std::uint32_t first,
+                         std::uint32_t count, std::vector<Point>& out) const override;
+    [[nodiscard]] std::optional<Point> trial(Seed seed, std::uint32_t repeat,
+                                             std::uint64_t index) const override;
     [[nodiscard]] std::size_t piece_count() const override { return pieces_.size(); }
     [[nodiscard]] std::size_t bytes() const override;
 

@@ -32,14 +32,18 @@ public:
     [[nodiscard]] std::size_t patch_count() const override { return most_opacity_ > 0 ? 1 : 0; }
     [[nodiscard]] int max_crossings() const override { return 1; }
     [[nodiscard]] Body body(std::size_t) const override { return place_.body(); }
-    int crossings(std::size_t, const Line& line, CrossingList& out) const override { return place_.crossings(line, out); }
+    int crossings(std::size_t, const Line& line, CrossingList& out) const override {
+        return place_.crossings(line, out);
+    }
     [[nodiscard]] Box bounds() const override { return place_.bounds(); }
 
     [[nodiscard]] bool painted() const override { return true; }
     [[nodiscard]] bool has_color() const override { return true; }
     [[nodiscard]] Vec3 color(const Vec3& point) const override { return transfer_.color(value(point)); }
     [[nodiscard]] Vec3 brightest() const override { return transfer_.brightest(); }
-    [[nodiscard]] double opacity_at(const Vec3& point) const override { return transfer_.opacity(value(point)); }
+    [[nodiscard]] double opacity_at(const Vec3& point) const override {
+        return transfer_.opacity(value(point));
+    }
     [[nodiscard]] double most_opacity() const override { return most_opacity_; }
     [[nodiscard]] std::size_t bytes() const override { return sizeof(*this) + field_.bytes(); }
 

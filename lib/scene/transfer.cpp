@@ -7,7 +7,9 @@
 namespace pellucid {
 namespace {
 
-[[nodiscard]] Vec3 color_of(const TransferPoint& p) { return {p[1], p[2], p[3]}; }
+[[nodiscard]] Vec3 color_of(const TransferPoint& p) {
+    return {p[1], p[2], p[3]};
+}
 
 }  // namespace
 
@@ -23,7 +25,8 @@ TransferFunction::TransferFunction(std::vector<TransferPoint> points) {
         const TransferPoint& a = points[i];
         brightest_ = glm::max(brightest_, color_of(a));
         one_color_ = one_color_ && color_of(a) == color_of(points.front());
-        if (i + 1 < points.size() && points[i + 1][0] == a[0]) continue;  // the last of a jump begins what follows
+        if (i + 1 < points.size() && points[i + 1][0] == a[0])
+            continue;  // the last of a jump begins what follows
         kinks_.push_back(a[0]);
         if (i + 1 == points.size()) {
             pieces_.push_back(constant(a));
@@ -31,7 +34,8 @@ TransferFunction::TransferFunction(std::vector<TransferPoint> points) {
         }
         const TransferPoint& b = points[i + 1];
         const double span = b[0] - a[0];
-        pieces_.push_back({a[0], color_of(a), (color_of(b) - color_of(a)) / span, a[4], (b[4] - a[4]) / span});
+        pieces_.push_back(
+            {a[0], color_of(a), (color_of(b) - color_of(a)) / span, a[4], (b[4] - a[4]) / span});
     }
 }
 
@@ -51,7 +55,8 @@ double TransferFunction::most_opacity(double lo, double hi) const {
     if (!(lo <= hi)) return 0;
     // Linear between kinks: largest at an end, or at a kink on one of its two sides.
     double most = std::max(pieces_[piece_of(lo)].opacity_at(lo), pieces_[piece_of(hi)].opacity_at(hi));
-    for (auto k = static_cast<std::size_t>(std::lower_bound(kinks_.begin(), kinks_.end(), lo) - kinks_.begin());
+    for (auto k =
+             static_cast<std::size_t>(std::lower_bound(kinks_.begin(), kinks_.end(), lo) - kinks_.begin());
          k < kinks_.size() && kinks_[k] <= hi; ++k)
         most = std::max({most, pieces_[k].opacity_at(kinks_[k]), pieces_[k + 1].opacity_at(kinks_[k])});
     return most;

@@ -10,8 +10,8 @@
 
 namespace pellucid {
 
-/// Straight colour and opacity, linear in the value between points and constant outside of them. A repeated value is a
-/// jump, and at the value itself what follows counts. Values that are not finite are empty.
+/// Straight colour and opacity, linear in the value between points and constant outside of them. A repeated
+/// value is a jump, and at the value itself what follows counts. Values that are not finite are empty.
 class TransferFunction {
 public:
     /// points: values do not fall; at least one.

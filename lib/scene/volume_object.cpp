@@ -36,7 +36,8 @@ constexpr double kRangeRoom = 1e-12;
         std::vector<double> x(count + PointEvaluator::kRoom), y(x), z(x), out(x);
         // Both ends exactly: lo + (hi − lo) need not be hi.
         const auto place = [&](int axis, int i) {
-            return i + 1 == grid.size[wide(axis)] ? volume.bounds.hi[axis] : volume.bounds.lo[axis] + i * spacing[axis];
+            return i + 1 == grid.size[wide(axis)] ? volume.bounds.hi[axis]
+                                                  : volume.bounds.lo[axis] + i * spacing[axis];
         };
         for (std::size_t i = 0; i < count; ++i) x[i] = place(0, static_cast<int>(i));
         for (std::size_t row = begin; row < end; ++row) {
@@ -80,7 +81,9 @@ VoxelGrid read_or_sample(const std::variant<std::filesystem::path, ExpressionVol
         lost += mine;
     });
     // Files are warned of where they are read.
-    if (lost > 0 && file == nullptr) warn("{} samples of \"{}\" are not finite: nothing is drawn there", lost.load(), std::get<ExpressionVolume>(source).text);
+    if (lost > 0 && file == nullptr)
+        warn("{} samples of \"{}\" are not finite: nothing is drawn there", lost.load(),
+             std::get<ExpressionVolume>(source).text);
     return grid;
 }
 
@@ -106,13 +109,15 @@ VolumeObject::VolumeObject(const Volume& volume)
     opacity_step_ = volume.opacity_step.value_or(
         std::min({length(to_world_.linear[0]), length(to_world_.linear[1]), length(to_world_.linear[2])}));
     if (std::ranges::any_of(size, [](int n) { return n < 2; })) {
-        warn("volume \"{}\": one sample along an axis ({} x {} x {}) has no thickness: nothing of it is drawn", volume.name,
-             size[0], size[1], size[2]);
+        warn(
+            "volume \"{}\": one sample along an axis ({} x {} x {}) has no thickness: nothing of it is drawn",
+            volume.name, size[0], size[1], size[2]);
         return;
     }
     const Vec3 hi = field_.hull().hi;
     for (int i = 0; i < 8; ++i)
-        bounds_.include(to_world_.point({(i & 1) != 0 ? hi.x : 0, (i & 2) != 0 ? hi.y : 0, (i & 4) != 0 ? hi.z : 0}));
+        bounds_.include(
+            to_world_.point({(i & 1) != 0 ? hi.x : 0, (i & 2) != 0 ? hi.y : 0, (i & 4) != 0 ? hi.z : 0}));
     find_blocks();
 }
 
@@ -129,7 +134,8 @@ double VolumeObject::value(const Vec3& index) const {
         if (!(index[axis] >= 0 && index[axis] <= hi[axis])) return std::numeric_limits<double>::quiet_NaN();
     const std::array<int, 3> cell = field_.cell_of(index);
     const Vec3 at = index - Vec3(cell[0], cell[1], cell[2]);
-    if (settings_.interpolation == Interpolation::trilinear) return TrilinearDifferences(corners(cell)).value(at);
+    if (settings_.interpolation == Interpolation::trilinear)
+        return TrilinearDifferences(corners(cell)).value(at);
     // By differences: where all samples are equal, exactly their value.
     const VolumeField::Samples around = field_.samples_around(cell);
     const auto first = static_cast<double>(around[0]);
@@ -140,11 +146,14 @@ Vec3 VolumeObject::gradient(const Vec3& index) const {
     if (settings_.interpolation == Interpolation::nearest) return Vec3(0.0);
     const std::array<int, 3> cell = field_.cell_of(index);
     const Vec3 at = index - Vec3(cell[0], cell[1], cell[2]);
-    if (settings_.interpolation == Interpolation::trilinear) return TrilinearDifferences(corners(cell)).gradient(at);
+    if (settings_.interpolation == Interpolation::trilinear)
+        return TrilinearDifferences(corners(cell)).gradient(at);
     return catmull_rom_gradient(field_.samples_around(cell), 0, at);
 }
 
-double VolumeObject::extinction_of(double opacity) const { return -std::log1p(-opacity) / opacity_step_; }
+double VolumeObject::extinction_of(double opacity) const {
+    return -std::log1p(-opacity) / opacity_step_;
+}
 
 double VolumeObject::most_opacity() const {
     return block_opacity_.empty() ? 0 : static_cast<double>(*std::ranges::max_element(block_opacity_));
@@ -175,8 +184,8 @@ ValueRange VolumeObject::range(const std::array<int, 3>& first, const std::array
     if (kind == Interpolation::nearest)
         for (int& n : hi) --n;
     if (kind == Interpolation::catmull_rom) {
-        // The weights' absolute values have a sum of at most 5/4 along an axis; continued samples 2·v₀ − v₁ reach three times
-        // as far from the middle.
+        // The weights' absolute values have a sum of at most 5/4 along an axis; continued samples 2·v₀ − v₁
+        // reach three times as far from the middle.
         double reach = 1;
         for (std::size_t a = 0; a < 3; ++a) {
             reach *= 1.25 * (lo[a] == 0 || hi[a] + 1 >= grid.size[a] ? 3 : 1);
@@ -198,29 +207,35 @@ ValueRange VolumeObject::range(const std::array<int, 3>& first, const std::array
     if (!(least <= most)) return {};
     const auto from = static_cast<double>(least);
     const auto to = static_cast<double>(most);
-    const double room = kind == Interpolation::nearest || from == to ? 0
-                        : 0.5 * spread * (to - from) + kRangeRoom * std::max(std::abs(from), std::abs(to));
+    const double room =
+        kind == Interpolation::nearest || from == to
+            ? 0
+            : 0.5 * spread * (to - from) + kRangeRoom * std::max(std::abs(from), std::abs(to));
     return {from - room, to + room};
 }
 
 void VolumeObject::find_blocks() {
     const std::array<int, 3> count = cells();
     for (std::size_t a = 0; a < 3; ++a) blocks_[a] = (count[a] + kBlock - 1) / kBlock;
-    block_opacity_.resize(static_cast<std::size_t>(blocks_[0]) * static_cast<std::size_t>(blocks_[1]) * static_cast<std::size_t>(blocks_[2]));
-    parallel_for(static_cast<std::size_t>(blocks_[1]) * static_cast<std::size_t>(blocks_[2]), 1, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t row = begin; row < end; ++row)
-            for (int i = 0; i < blocks_[0]; ++i) {
-                const std::array<int, 3> block{i, static_cast<int>(row % static_cast<std::size_t>(blocks_[1])),
-                                               static_cast<int>(row / static_cast<std::size_t>(blocks_[1]))};
-                std::array<int, 3> first{}, last{};
-                for (std::size_t a = 0; a < 3; ++a) {
-                    first[a] = kBlock * block[a];
-                    last[a] = std::min(first[a] + kBlock, count[a]);
-                }
-                const ValueRange values = range(first, last);
-                block_opacity_[block_index(block)] = up(transfer_.most_opacity(values.lo, values.hi));
-            }
-    });
+    block_opacity_.resize(static_cast<std::size_t>(blocks_[0]) * static_cast<std::size_t>(blocks_[1]) *
+                          static_cast<std::size_t>(blocks_[2]));
+    parallel_for(static_cast<std::size_t>(blocks_[1]) * static_cast<std::size_t>(blocks_[2]), 1,
+                 [&](std::size_t begin, std::size_t end) {
+                     for (std::size_t row = begin; row < end; ++row)
+                         for (int i = 0; i < blocks_[0]; ++i) {
+                             const std::array<int, 3> block{
+                                 i, static_cast<int>(row % static_cast<std::size_t>(blocks_[1])),
+                                 static_cast<int>(row / static_cast<std::size_t>(blocks_[1]))};
+                             std::array<int, 3> first{}, last{};
+                             for (std::size_t a = 0; a < 3; ++a) {
+                                 first[a] = kBlock * block[a];
+                                 last[a] = std::min(first[a] + kBlock, count[a]);
+                             }
+                             const ValueRange values = range(first, last);
+                             block_opacity_[block_index(block)] =
+                                 up(transfer_.most_opacity(values.lo, values.hi));
+                         }
+                 });
 }
 
 }  // namespace pellucid

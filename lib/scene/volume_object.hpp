@@ -18,7 +18,8 @@ struct ValueRange {
     double hi = -kInfinity;
 };
 
-/// A trilinear function on the unit cube by differences: where all corners are equal it is exactly their value.
+/// A trilinear function on the unit cube by differences: where all corners are equal it is exactly their
+/// value.
 struct TrilinearDifferences {
     TrilinearDifferences() = default;
     /// x fastest.
@@ -60,7 +61,9 @@ public:
 
     [[nodiscard]] std::array<int, 3> cells() const;
     /// What is added to an index to count cells: ½ with `nearest`, else 0.
-    [[nodiscard]] double cell_shift() const { return settings_.interpolation == Interpolation::nearest ? 0.5 : 0; }
+    [[nodiscard]] double cell_shift() const {
+        return settings_.interpolation == Interpolation::nearest ? 0.5 : 0;
+    }
     /// Corner values of a cell (trilinear).
     [[nodiscard]] std::array<float, 8> corners(const std::array<int, 3>& cell) const;
     /// Holds every value of the interpolant in the cells from `first` up to, not including, `end`.
@@ -75,10 +78,13 @@ public:
     [[nodiscard]] std::size_t block_index(const std::array<int, 3>& block) const {
         return static_cast<std::size_t>(block[0]) +
                static_cast<std::size_t>(blocks_[0]) *
-                   (static_cast<std::size_t>(block[1]) + static_cast<std::size_t>(blocks_[1]) * static_cast<std::size_t>(block[2]));
+                   (static_cast<std::size_t>(block[1]) +
+                    static_cast<std::size_t>(blocks_[1]) * static_cast<std::size_t>(block[2]));
     }
     /// Largest opacity in a block of cells.
-    [[nodiscard]] double block_opacity(std::size_t block) const { return static_cast<double>(block_opacity_[block]); }
+    [[nodiscard]] double block_opacity(std::size_t block) const {
+        return static_cast<double>(block_opacity_[block]);
+    }
     /// Largest of all that occurs.
     [[nodiscard]] double most_opacity() const;
     [[nodiscard]] std::size_t bytes() const { return field_.bytes() + block_opacity_.size() * sizeof(float); }

@@ -142,7 +142,7 @@ std::optional<ParityScene> sample_parity_scene(const std::filesystem::path& file
         std::max(1, static_cast<int>(std::lround(1.0 * height_px * scene.image.width / scene.image.height)));
     scene.image.height = height_px;
     auto prepared = std::make_unique<const PreparedScene>(prepare(scene));
-    ParticleSet particles = sample_particles(*prepared, make_samplers(*prepared), {.seed = seed}, 0, repeats);
+    ParticleSet particles = sample_particles(*prepared, make_sources(*prepared), {.seed = seed}, 0, repeats);
     return ParityScene{file.stem().string(), std::move(prepared), std::move(particles)};
 }
 
@@ -151,7 +151,7 @@ ParityScene make_border_scene(const ParityScene& like, std::uint32_t particles_a
     auto prepared = std::make_unique<const PreparedScene>(prepare(like.scene->settings));
     const Camera& camera = prepared->camera;
     const ParticleFrame frame(camera);
-    const auto objects = static_cast<std::uint32_t>(prepared->objects.size());
+    const auto objects = static_cast<std::uint32_t>(prepared->object_count());
     ParticleSet set{frame, objects, {}};
     std::vector<Particle> particles(particles_a_repeat, Particle{});
     std::vector<std::uint32_t> ends;
