@@ -293,6 +293,7 @@ void register_all() {
     once(RegisterBenchmark("sample/sextic", sample<barth_sextic_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/isosurface", sample<wavy_isosurface, LineMode::exact>));
+    once(RegisterBenchmark("sample/points", sample<wavy_points, LineMode::exact>));
     if (std::filesystem::exists(kHeadFile))
         once(RegisterBenchmark("sample/head", sample<real_head, LineMode::exact>));
     thrice(RegisterBenchmark("truth/probe", embree_probe));
