@@ -303,6 +303,7 @@ void register_all() {
     once(RegisterBenchmark("sample/mesh", sample<nested_spheres_in_full, LineMode::exact>));
     once(RegisterBenchmark("sample/isosurface", sample<wavy_ball<Interpolation::trilinear>, LineMode::exact>));
     once(RegisterBenchmark("sample/catmull_rom", sample<wavy_ball<Interpolation::catmull_rom>, LineMode::exact>));
+    once(RegisterBenchmark("sample/points", sample<wavy_points, LineMode::exact>));
     if (std::filesystem::exists(kHeadFile)) {
         once(RegisterBenchmark("sample/head", sample<head<Interpolation::trilinear>, LineMode::exact>));
         once(RegisterBenchmark("sample/head_catmull_rom", sample<head<Interpolation::catmull_rom>, LineMode::exact>));

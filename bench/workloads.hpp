@@ -23,5 +23,7 @@ inline constexpr const char* kHeadFile = "/usr/share/mricron/templates/ch2.nii.g
 [[nodiscard]] PreparedScene real_head(Interpolation interpolation = Interpolation::trilinear);
 /// The isosurface of a wavy ball in a volume of 128³.
 [[nodiscard]] PreparedScene wavy_isosurface(Interpolation interpolation = Interpolation::trilinear);
+/// MPU surface through 120 000 points on a wavy ball.
+[[nodiscard]] PreparedScene wavy_points();
 
 }  // namespace pellucid::bench

@@ -104,8 +104,8 @@ TEST(Mpu, RangesHoldWhatIsInTheBox) {
 }
 
 TEST(Mpu, SharpFitsKeepTheEdgesOfACube) {
-    const MpuField sharp(cube(24), {.accuracy = 1e-3, .least_points = 15});
-    const MpuField smooth(cube(24), {.accuracy = 1e-3, .least_points = 15, .sharp = false});
+    const MpuField sharp(cube(24), {});
+    const MpuField smooth(cube(24), {.sharp = false});
     double sharp_off = 0;
     double smooth_off = 0;
     for (int i = 0; i < 40; ++i) {

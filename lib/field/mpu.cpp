@@ -18,6 +18,8 @@ constexpr double kRoom = 0.05;
 /// Coarse fits are tried on so many points first: where these miss by kSurelyBad times what is allowed, the cell is cut.
 constexpr std::size_t kTryPoints = 160;
 constexpr double kSurelyBad = 1.5;
+/// Edges and corners are looked for among so few points: the paper's 2·15.
+constexpr std::size_t kFewPoints = 30;
 /// Radius of a leaf's ball, in edges.
 const double kSupport = std::sqrt(kMpuSupport2);
 /// An enlarged ball is so much larger than the distance of its last point, which else had no weight.
@@ -139,7 +141,7 @@ struct MpuField::Builder {
         };
         LocalFitOptions how{.radius = radius,
                             .own_radius = kSupport,
-                            .few = options.least_points,
+                            .few = kFewPoints,
                             .sharp = options.sharp,
                             .good_enough = accuracy / edge};
         const bool may_cut = own >= options.least_points && depth < options.most_depth;

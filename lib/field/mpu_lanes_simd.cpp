@@ -55,17 +55,27 @@ std::size_t restrict_fits(const MpuLeaf* leaves, const MpuLaneLine& line, std::s
     constexpr std::size_t c = (a + 2) % 3;
     const double line_middle = 0.5 * (line.lo + line.hi);
     const double line_half = 0.5 * (line.hi - line.lo) * (1 + 1e-9);
-    std::size_t n = 0;
+    // One in two reaches the line, in no order that a branch could learn: what is not counted is overwritten.
+    std::uint32_t reach[kRows];
+    std::size_t count = 0;
     for (const std::uint32_t number : line.leaves) {
         const MpuLeaf& leaf = leaves[number];
+        const double edge = leaf.edge;
+        const double u = line.at[0] - static_cast<double>(leaf.center[b]);
+        const double v = line.at[1] - static_cast<double>(leaf.center[c]);
+        const double ahead = std::abs(line_middle - static_cast<double>(leaf.center[a])) - line_half;
+        const double beside = ahead > 0 ? ahead : 0.0;
+        reach[count] = number;
+        count += u * u + v * v + beside * beside < kMpuSupport2 * (edge * edge) ? 1U : 0U;
+    }
+    for (std::size_t n = 0; n < count; ++n) {
+        const MpuLeaf& leaf = leaves[reach[n]];
         const double edge = leaf.edge;
         const double per = 1 / edge;
         const double middle = leaf.center[a];
         const double u = (line.at[0] - static_cast<double>(leaf.center[b])) * per;
         const double v = (line.at[1] - static_cast<double>(leaf.center[c])) * per;
         const double near2 = u * u + v * v;
-        const double ahead = (std::abs(line_middle - middle) - line_half) * per;
-        const double beside = ahead > 0 ? ahead : 0.0;
         const auto q = [&](std::size_t i) { return static_cast<double>(leaf.q[i]); };
         const double qb = q(1 + b) + u * q(kMixed[b][b]) + v * q(kMixed[b][c]);
         fits.a0[n][lane] = edge * (q(0) + u * qb + v * (q(1 + c) + v * q(kMixed[c][c])));
@@ -80,10 +90,8 @@ std::size_t restrict_fits(const MpuLeaf* leaves, const MpuLaneLine& line, std::s
         fits.across[1][n][lane] = q(1 + c) + 2 * (v * q(kMixed[c][c])) + u * q(kMixed[b][c]);
         fits.bend[0][n][lane] = q(kMixed[a][b]);
         fits.bend[1][n][lane] = q(kMixed[a][c]);
-        // One in three does not reach the line, in no order that a branch could learn: what is not counted is overwritten.
-        n += near2 + beside * beside < kMpuSupport2 ? 1U : 0U;
     }
-    return n;
+    return count;
 }
 
 void clear_fits(std::size_t from, std::size_t to, std::size_t lane, LaneFits& fits) {
