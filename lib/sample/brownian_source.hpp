@@ -66,7 +66,9 @@ public:
 
 private:
     struct Herd;
-    /// Gives positions 0 … count − 1 to take(index, walker, step).
+    [[nodiscard]] BrownianWalk::Walker start(Herd& herd, Seed seed, std::uint32_t repeat) const;
+    void advance(Herd& herd, std::uint32_t i, Seed seed, std::uint32_t repeat, std::uint32_t step) const;
+    /// Gives positions 0 … count − 1 to take(index, walker, key of its last step).
     template <class Take>
     void walk(Seed seed, std::uint32_t repeat, std::uint32_t count, const Take& take) const;
 
