@@ -262,7 +262,7 @@ TEST(Brownian, ManyWalkersAtOnceTakeTheStepsOfOne) {
             ASSERT_TRUE(walk.has_herds());
             const UniformPoints places(scene.objects[0], 0);
             constexpr std::size_t kCount = 1003;
-            std::array<std::vector<double>, 6> soa;
+            std::array<std::vector<double>, 7> soa;
             for (auto& values : soa) values.resize(1008, 1);
             std::vector<BrownianWalk::Walker> plain(kCount);
             std::uint64_t trial = 0;
@@ -276,7 +276,7 @@ TEST(Brownian, ManyWalkersAtOnceTakeTheStepsOfOne) {
             }
             std::vector<std::uint32_t> left;
             const DrawKey key{.object = 3, .repeat = 7, .index = (std::uint64_t{1} << 55U) | 17U};
-            walk_herd(walk.quick(), {5}, key, {{soa[0].data(), soa[1].data(), soa[2].data()}, {soa[3].data(), soa[4].data(), soa[5].data()}},
+            walk_herd(walk.quick(), {5}, key, {{soa[0].data(), soa[1].data(), soa[2].data()}, {soa[3].data(), soa[4].data(), soa[5].data()}, soa[6].data()},
                       kCount, left);
             EXPECT_LT(left.size(), kCount / 4) << body;
             std::size_t moved = 0;

@@ -48,12 +48,14 @@ namespace {
 
 BrownianSource::BrownianSource(const Object& object, const Camera& camera, std::uint32_t object_id, const WalkSettings& settings)
     : object_(&with_field(object)),
+      camera_(&camera),
       object_id_(object_id),
       settings_(settings),
       places_(object, object_id),
       thinning_(object, camera),
       step_(step_of(object, settings)),
-      walk_(object, step_) {
+      walk_(object, step_),
+      view_(camera, object.geometry->field_surface()->to_world, object.surface.opacity_law == OpacityLaw::constant) {
     if (const auto least = thinning_.least_pixel_area(); least && places_.area() > 0) virtual_pixels_ = places_.area() / *least;
 }
 
@@ -64,9 +66,10 @@ double BrownianSource::optical_depth() const { return -std::log1p(-std::min(obje
 /// The walkers of one repeat.
 struct BrownianSource::Herd {
     explicit Herd(std::size_t count) : lost(count) {
-        const std::size_t room = (count + kHerdLanes - 1) / kHerdLanes * kHerdLanes;
+        const std::size_t room = (count / kHerdLanes + 2) * kHerdLanes;  // loads begin at any walker
         for (auto& values : at) values.resize(room);
         for (auto& values : gradient) values.resize(room, 1);  // beyond the last walker: any surface's
+        chance.resize(room);
     }
     [[nodiscard]] BrownianWalk::Walker get(std::size_t i) const {
         return {{at[0][i], at[1][i], at[2][i]}, {gradient[0][i], gradient[1][i], gradient[2][i]}};
@@ -78,10 +81,11 @@ struct BrownianSource::Herd {
         }
     }
     [[nodiscard]] HerdArrays arrays() {
-        return {{at[0].data(), at[1].data(), at[2].data()}, {gradient[0].data(), gradient[1].data(), gradient[2].data()}};
+        return {{at[0].data(), at[1].data(), at[2].data()}, {gradient[0].data(), gradient[1].data(), gradient[2].data()}, chance.data()};
     }
 
     std::array<std::vector<double>, 3> at, gradient;
+    std::vector<double> chance;
     std::vector<std::uint8_t> lost;  // steps not made in a row
     std::vector<std::uint32_t> left;  // by the last step of many at once
     std::uint64_t trial = 0;          // of places to start from
@@ -133,8 +137,7 @@ void BrownianSource::walk(Seed seed, std::uint32_t repeat, std::uint32_t count, 
             }
             herd.stats.steps += round;
         }
-        for (std::uint32_t i = 0; i < round; ++i)
-            take(static_cast<std::uint32_t>(done) + i, herd.get(i), step_key(object_id_, repeat, i, step - 1));
+        take(static_cast<std::uint32_t>(done), herd, round, step - 1);
     }
     steps_ += herd.stats.steps;
     at_borders_ += herd.stats.at_borders;
@@ -145,19 +148,34 @@ void BrownianSource::walk(Seed seed, std::uint32_t repeat, std::uint32_t count, 
 std::vector<Vec3> BrownianSource::positions(Seed seed, std::uint32_t repeat, std::uint32_t count) const {
     std::vector<Vec3> out;
     out.reserve(count);
-    walk(seed, repeat, count, [&](std::uint32_t, const BrownianWalk::Walker& walker, const DrawKey&) {
-        out.push_back(walk_.world(walker));
+    walk(seed, repeat, count, [&](std::uint32_t, Herd& herd, std::uint32_t walkers, std::uint32_t) {
+        for (std::uint32_t i = 0; i < walkers; ++i) out.push_back(walk_.world(herd.get(i)));
     });
     return out;
 }
 
 void BrownianSource::trials_in_block(std::size_t, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
                                      std::vector<Point>& out) const {
-    walk(seed, repeat, first + count, [&](std::uint32_t i, const BrownianWalk::Walker& walker, const DrawKey& key) {
-        if (i < first) return;
-        // Words 0 and 1 of this key made the step that led here.
-        const double chance = unit_interval(random_bits(seed, key)[2]);
-        if (const auto point = thinning_.keep(walk_.world(walker), walk_.world_normal(walker), chance)) out.push_back(*point);
+    const double side = camera_->pixel_size();
+    const double bound = thinning_.least_pixel_area().value_or(0) / (side * side);
+    PointChunk chunk;
+    walk(seed, repeat, first + count, [&](std::uint32_t index, Herd& herd, std::uint32_t walkers, std::uint32_t step) {
+        const std::uint32_t skip = index < first ? std::min(first - index, walkers) : 0;
+        if (walk_.has_herds()) {
+            for (std::uint32_t i = skip; i < walkers; i += kLineChunk) {
+                keep_herd(view_, bound, herd.arrays(), i, std::min(kLineChunk, walkers - i), chunk);
+                for (std::size_t k = 0; k < chunk.count; ++k)
+                    out.push_back({{chunk.view[0][k], chunk.view[1][k], chunk.view[2][k]},
+                                   {chunk.normal[0][k], chunk.normal[1][k], chunk.normal[2][k]}});
+            }
+            return;
+        }
+        for (std::uint32_t i = skip; i < walkers; ++i) {
+            // Words 0 and 1 of this key made the step that led here.
+            const double chance = unit_interval(random_bits(seed, step_key(object_id_, repeat, i, step))[2]);
+            const BrownianWalk::Walker walker = herd.get(i);
+            if (const auto point = thinning_.keep(walk_.world(walker), walk_.world_normal(walker), chance)) out.push_back(*point);
+        }
     });
 }
 

@@ -21,6 +21,7 @@
 
 #include "core/random.hpp"
 #include "field/scalar_field.hpp"
+#include "sample/edge_lines.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -57,6 +58,7 @@ struct QuickWalk {
 /// Walkers as a structure of arrays of one length, a multiple of kHerdLanes.
 struct HerdArrays {
     std::array<double*, 3> at, gradient;
+    double* chance;  // for the view's thinning, of the last step
 };
 inline constexpr std::size_t kHerdLanes = 16;
 
@@ -64,6 +66,10 @@ inline constexpr std::size_t kHerdLanes = 16;
 /// What is not plain (an edge, a long way back to the surface) is left where it is, its number appended to `left`.
 void walk_herd(const QuickWalk& walk, Seed seed, const DrawKey& key, const HerdArrays& herd, std::size_t count,
                std::vector<std::uint32_t>& left);
+
+/// The walkers first … first + count − 1 (at most kLineChunk) that a view keeps: ViewThinning::keep but for clipping.
+///   view   of object space;  bound  (least s)/(side of a pixel at depth 1)²
+void keep_herd(const LineView& view, double bound, const HerdArrays& herd, std::size_t first, std::size_t count, PointChunk& out);
 
 class BrownianWalk {
 public:
