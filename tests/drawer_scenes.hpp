@@ -89,6 +89,14 @@ inline std::vector<DrawerScene> drawer_scenes() {
     add("seventy objects", 3, crowd);
     add("nothing in view", 2,
         "[image]\nresolution = [33, 17]\n[camera]\nposition = [0, 0, 5]\ntarget = [0, 0, 9]\n" + torus(""));
+    // Painted particles: of a lit volume with colours above 1, and of a slice; between them a surface.
+    add("volume, slice and surface", 5,
+        "[image]\nresolution = [170, 120]\n[camera]\nposition = [1.5, 2, 4.5]\n" + lights + torus("opacity = 0.4\n") +
+            "[[volume]]\nname = \"fog\"\nfile = \"waves.nrrd\"\nscale = 0.25\ntranslate = [-0.8, -0.8, -0.8]\n" + glossy +
+            "transfer = [[-1, 0.2, 0.4, 1, 0], [0.5, 1, 0.3, 0.1, 0.2], [0.5, 0.9, 0.9, 0.2, 0.5]]\n"
+            "[[surface]]\nname = \"cut\"\nscale = 0.3\nopacity = 0.8\n"
+            "slice = { volume = \"waves.nrrd\", center = [3, 3, 4], u = [3, 0, 1], v = [0, 3, 0], "
+            "transfer = [[-1, 0, 0, 1, 0.1], [1, 1, 1, 0, 1]] }\n");
     const fs::path head = "/usr/share/mricron/templates/ch2.nii.gz";
     if (fs::exists(head))
         add("head", 2,
@@ -100,7 +108,7 @@ inline std::vector<DrawerScene> drawer_scenes() {
 }
 
 inline ParticleSet drawer_particles(const DrawerScene& each, Seed seed = {1}) {
-    return sample_particles(each.scene, make_samplers(each.scene), {.seed = seed}, 0, each.repeats);
+    return sample_particles(each.scene, make_sources(each.scene), {.seed = seed}, 0, each.repeats);
 }
 
 /// FNV-1a over the winners of all repeats: what a failing test prints.

@@ -213,7 +213,7 @@ TEST(LineSampler, PointsLieWhereRaysMeetTheSurface) {
 /// Hides what a geometry knows of itself: bodies and crossings are all that is left.
 class Anonymous final : public SurfaceGeometry {
 public:
-    explicit Anonymous(std::shared_ptr<SurfaceGeometry> known) : known_(std::move(known)) {}
+    explicit Anonymous(std::shared_ptr<const SurfaceGeometry> known) : known_(std::move(known)) {}
     [[nodiscard]] std::size_t patch_count() const override { return known_->patch_count(); }
     [[nodiscard]] Body body(std::size_t patch) const override { return known_->body(patch); }
     [[nodiscard]] int max_crossings() const override { return known_->max_crossings(); }
@@ -224,7 +224,7 @@ public:
     [[nodiscard]] std::size_t bytes() const override { return known_->bytes(); }
 
 private:
-    std::shared_ptr<SurfaceGeometry> known_;
+    std::shared_ptr<const SurfaceGeometry> known_;
 };
 
 TEST(LineSampler, AnyOtherGeometryIsServedByUniformLines) {

@@ -27,8 +27,8 @@ std::shared_ptr<const VoxelGrid> noise(const std::array<int, 3>& size, unsigned 
     return grid_of(size, [&](const Vec3&) { return unit(random); });
 }
 
-/// Catmull and Rom's own construction (P. J. Barry, R. N. Goldman, A recursive evaluation algorithm for a class of
-/// Catmull-Rom splines, 1988): three levels of straight lines between four points at −1, 0, 1, 2.
+/// Catmull and Rom's own construction (P. J. Barry, R. N. Goldman, A recursive evaluation algorithm for a
+/// class of Catmull-Rom splines, 1988): three levels of straight lines between four points at −1, 0, 1, 2.
 long double barry_goldman(const std::array<long double, 4>& p, long double t) {
     const auto line = [&](long double a, long double at, long double b, long double bt) {
         return ((bt - t) * a + (t - at) * b) / (bt - at);
@@ -46,8 +46,8 @@ long double oracle(const VoxelGrid& grid, const std::array<long double, 3>& x) {
         base[a] = std::clamp(static_cast<int>(std::floor(x[a])), 0, std::max(0, grid.size[a] - 2));
         t[a] = x[a] - base[a];
     }
-    const std::function<long double(std::size_t, std::array<int, 3>)> sample = [&](std::size_t a,
-                                                                                   std::array<int, 3> at) -> long double {
+    const std::function<long double(std::size_t, std::array<int, 3>)> sample =
+        [&](std::size_t a, std::array<int, 3> at) -> long double {
         if (a == 3) return grid.at(at[0], at[1], at[2]);
         const int last = grid.size[a] - 1;
         const auto put = [&](int n) {
@@ -66,7 +66,8 @@ long double oracle(const VoxelGrid& grid, const std::array<long double, 3>& x) {
         for (int j = 0; j < 4; ++j) {
             std::array<long double, 4> row{};
             for (int i = 0; i < 4; ++i)
-                row[static_cast<std::size_t>(i)] = sample(0, {base[0] + i - 1, base[1] + j - 1, base[2] + k - 1});
+                row[static_cast<std::size_t>(i)] =
+                    sample(0, {base[0] + i - 1, base[1] + j - 1, base[2] + k - 1});
             y[static_cast<std::size_t>(j)] = barry_goldman(row, t[0]);
         }
         z[static_cast<std::size_t>(k)] = barry_goldman(y, t[1]);
@@ -81,7 +82,8 @@ Vec3 place_in(std::mt19937_64& random, const Box& box) {
 
 TEST(VolumeField, CatmullRomIsBarryAndGoldmans) {
     // Continued samples are floats.
-    for (const auto& [size, tolerance] : {std::pair(std::array<int, 3>{6, 7, 5}, 3e-6), {{2, 3, 4}, 3e-6}, {{5, 1, 4}, 3e-6}}) {
+    for (const auto& [size, tolerance] :
+         {std::pair(std::array<int, 3>{6, 7, 5}, 3e-6), {{2, 3, 4}, 3e-6}, {{5, 1, 4}, 3e-6}}) {
         const auto grid = noise(size, 1);
         const VolumeField field(grid, Interpolation::catmull_rom);
         std::mt19937_64 random(2);
@@ -113,11 +115,13 @@ TEST(VolumeField, DerivativesAreThoseOfDifferences) {
             return oracle(*grid, at);
         };
         for (int a = 0; a < 3; ++a) {
-            EXPECT_NEAR(jet.gradient[a], static_cast<double>((f(a, h, a, 0) - f(a, -h, a, 0)) / (2 * h)), 1e-6);
+            EXPECT_NEAR(jet.gradient[a], static_cast<double>((f(a, h, a, 0) - f(a, -h, a, 0)) / (2 * h)),
+                        1e-6);
             for (int b = 0; b < 3; ++b) {
                 const long double second =
-                    a == b ? (f(a, h, a, 0) - 2 * f(a, 0, a, 0) + f(a, -h, a, 0)) / (h * h)
-                           : (f(a, h, b, h) - f(a, h, b, -h) - f(a, -h, b, h) + f(a, -h, b, -h)) / (4 * h * h);
+                    a == b
+                        ? (f(a, h, a, 0) - 2 * f(a, 0, a, 0) + f(a, -h, a, 0)) / (h * h)
+                        : (f(a, h, b, h) - f(a, h, b, -h) - f(a, -h, b, h) + f(a, -h, b, -h)) / (4 * h * h);
                 EXPECT_NEAR(jet.hessian_matrix()[a][b], static_cast<double>(second), 1e-5) << a << b;
             }
         }
@@ -154,7 +158,8 @@ TEST(VolumeField, TrilinearIsTheSumOverCornersAndItsDerivatives) {
             for (int j = 0; j < 5; ++j)
                 for (int n = 0; n < 4; ++n) {
                     const auto hat = [](double d) { return std::max(0.0, 1 - std::abs(d)); };
-                    sum += hat(x.x - n) * hat(x.y - j) * hat(x.z - k) * static_cast<double>(grid->at(n, j, k));
+                    sum +=
+                        hat(x.x - n) * hat(x.y - j) * hat(x.z - k) * static_cast<double>(grid->at(n, j, k));
                 }
         EXPECT_NEAR(field.value(x), sum, 1e-14);
         const FieldJet jet = field.jet(x);
@@ -200,7 +205,8 @@ TEST(VolumeField, QuadraticVolumesAreExactInsideForCatmullRom) {
 TEST(VolumeField, NoValueOutsideNorBesideASampleThatIsNone) {
     auto grid = std::make_shared<VoxelGrid>(*noise({8, 8, 8}, 11));
     grid->values[grid->index(4, 4, 4)] = std::numeric_limits<float>::quiet_NaN();
-    for (const auto& [kind, reach] : {std::pair(Interpolation::trilinear, 1.0), {Interpolation::catmull_rom, 2.0}}) {
+    for (const auto& [kind, reach] :
+         {std::pair(Interpolation::trilinear, 1.0), {Interpolation::catmull_rom, 2.0}}) {
         const VolumeField field(grid, kind);
         std::mt19937_64 random(12);
         for (int i = 0; i < 2000; ++i) {
@@ -209,7 +215,8 @@ TEST(VolumeField, NoValueOutsideNorBesideASampleThatIsNone) {
             EXPECT_EQ(std::isnan(field.value(x)), std::max({off.x, off.y, off.z}) < reach);
             EXPECT_EQ(std::isnan(field.jet(x).value), std::isnan(field.value(x)));
         }
-        for (const Vec3& x : {Vec3(-1e-9, 1, 1), Vec3(1, 7.0001, 1), Vec3(1, 1, kInfinity), Vec3(std::nan(""), 1, 1)})
+        for (const Vec3& x :
+             {Vec3(-1e-9, 1, 1), Vec3(1, 7.0001, 1), Vec3(1, 1, kInfinity), Vec3(std::nan(""), 1, 1)})
             EXPECT_TRUE(std::isnan(field.value(x)));
     }
 }
@@ -292,7 +299,8 @@ TEST(Tricubic, PartsAreTheSamePolynomialAndBoundsHoldIt) {
 TEST(IsoField, ExcludesNoBoxWithAZeroAndMostOthers) {
     for (const Interpolation kind : {Interpolation::trilinear, Interpolation::catmull_rom}) {
         const auto volume = std::make_shared<VolumeField>(
-            grid_of({30, 21, 19}, [](const Vec3& x) { return length(x - Vec3(15, 10, 9)) + 0.3 * std::sin(2 * x.x); }),
+            grid_of({30, 21, 19},
+                    [](const Vec3& x) { return length(x - Vec3(15, 10, 9)) + 0.3 * std::sin(2 * x.x); }),
             kind);
         const IsoField field(volume, 6.0);
         std::mt19937_64 random(17);

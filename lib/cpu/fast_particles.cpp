@@ -493,7 +493,7 @@ public:
           frame_(scene.camera),
           shading_(scene, frame_),
           constants_{frame_.projection(scene.camera), &shading_,
-                     static_cast<std::uint32_t>(scene.objects.size())} {}
+                     static_cast<std::uint32_t>(scene.object_count())} {}
 
     void draw(const ParticleSet& set, EnsembleSums& sums) override {
         const TileSpans spans(set, grid_.count());

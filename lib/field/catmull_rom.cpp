@@ -15,8 +15,8 @@ constexpr std::uint64_t kWholeCell = 1;
 constexpr int kMostCuts = 2;
 /// Cells stay whole where lines along one axis are at most so many times the surface's shadow along it.
 constexpr double kFlat = 3;
-/// They are cut where the octants' lines are so many times as many as theirs, or fewer: every cell costs memory, and
-/// lines that do not find theirs in a cache. Tuned on the skin of a head, 1 mm.
+/// They are cut where the octants' lines are so many times as many as theirs, or fewer: every cell costs
+/// memory, and lines that do not find theirs in a cache. Tuned on the skin of a head, 1 mm.
 constexpr double kWorthACut = 0.6;
 /// A line that may have several roots costs so many of those along the one axis that suits.
 constexpr double kDear = 6;
@@ -34,9 +34,13 @@ struct Look {
     bool flat = false;
 };
 
-[[nodiscard]] bool sure(const Interval& g) { return !g.has_zero() && !g.empty(); }
+[[nodiscard]] bool sure(const Interval& g) {
+    return !g.has_zero() && !g.empty();
+}
 
-[[nodiscard]] double square(double x) { return x * x; }
+[[nodiscard]] double square(double x) {
+    return x * x;
+}
 
 /// Lines are counted by what they must be for the oblique law: area across times the largest |∇f|/|∂f/∂axis|.
 void count_lines(Look& look) {
@@ -51,7 +55,8 @@ void count_lines(Look& look) {
         const Interval& g = look.gradient[a];
         if (!sure(g)) continue;
         const double smallest = std::min(std::abs(g.lo), std::abs(g.hi));
-        const double steepest = std::sqrt(square(look.gradient[b].reach()) + square(look.gradient[c].reach()));
+        const double steepest =
+            std::sqrt(square(look.gradient[b].reach()) + square(look.gradient[c].reach()));
         const double most = std::sqrt(1 + square(steepest / smallest));
         const double lines = across * most;
         if (lines >= least) continue;
@@ -125,9 +130,12 @@ struct Cutter {
 constexpr int kDegree = 9;
 using Coefficients = std::array<double, kDegree + 1>;
 
-[[nodiscard]] bool positive(double value) { return value >= 0; }
+[[nodiscard]] bool positive(double value) {
+    return value >= 0;
+}
 
-/// The weights of an axis along a line, from place a to b: each as a cubic, its Bernstein coefficients times binomials.
+/// The weights of an axis along a line, from place a to b: each as a cubic, its Bernstein coefficients times
+/// binomials.
 [[nodiscard]] std::array<std::array<double, 4>, 4> weights_along(double a, double b) {
     // w(t) = c0 + c1 t + c2 t² + c3 t³; the blossom of t^k is the k-th elementary symmetric mean.
     constexpr std::array<std::array<double, 4>, 4> kPowers{
@@ -139,13 +147,15 @@ using Coefficients = std::array<double, kDegree + 1>;
         const double two = (u * v + v * w + w * u) / 3;
         const double binomial = m == 1 || m == 2 ? 3 : 1;
         for (std::size_t i = 0; i < 4; ++i)
-            out[i][m] = binomial * (kPowers[i][0] + kPowers[i][1] * one + kPowers[i][2] * two + kPowers[i][3] * (u * v * w));
+            out[i][m] = binomial * (kPowers[i][0] + kPowers[i][1] * one + kPowers[i][2] * two +
+                                    kPowers[i][3] * (u * v * w));
     }
     return out;
 }
 
 /// f on the segment from a to b, Bernstein form.
-[[nodiscard]] Coefficients along(const VolumeField::Samples& samples, double isovalue, const Vec3& a, const Vec3& b) {
+[[nodiscard]] Coefficients along(const VolumeField::Samples& samples, double isovalue, const Vec3& a,
+                                 const Vec3& b) {
     const auto x = weights_along(a.x, b.x);
     const auto y = weights_along(a.y, b.y);
     const auto z = weights_along(a.z, b.z);
@@ -187,7 +197,8 @@ struct LineRoots {
     void isolate(const Coefficients& part, double lo, double hi, int depth) {
         int changes = 0;
         double largest = 0;
-        for (std::size_t i = 0; i < kDegree; ++i) changes += positive(part[i]) != positive(part[i + 1]) ? 1 : 0;
+        for (std::size_t i = 0; i < kDegree; ++i)
+            changes += positive(part[i]) != positive(part[i + 1]) ? 1 : 0;
         if (changes == 0) return;
         const bool differ = positive(part.front()) != positive(part.back());
         if (changes == 1) {
@@ -224,7 +235,8 @@ CatmullRomCells::CatmullRomCells(std::shared_ptr<const VolumeField> volume, doub
     const VolumeField& grid = field_.volume();
     for (const int samples : grid.grid().size) {
         if (samples > 1 << kAxisBits)
-            throw input_error("an axis of the volume has {} samples, expected at most {}", samples, 1 << kAxisBits);
+            throw input_error("an axis of the volume has {} samples, expected at most {}", samples,
+                              1 << kAxisBits);
         if (samples < 2) return;  // no cell
     }
     std::vector<std::vector<std::uint64_t>> found(field_.brick_count());
@@ -245,7 +257,8 @@ CatmullRomCells::CatmullRomCells(std::shared_ptr<const VolumeField> volume, doub
                         const Look look = look_at(f, Vec3(0.0), Vec3(1.0));
                         if (look.tight.empty()) continue;
                         const auto wide = [](int n) { return static_cast<std::uint64_t>(n); };
-                        const std::uint64_t base = ((wide(k) << kAxisBits | wide(j)) << kAxisBits | wide(i)) << kPathBits;
+                        const std::uint64_t base = ((wide(k) << kAxisBits | wide(j)) << kAxisBits | wide(i))
+                                                   << kPathBits;
                         Cutter{f, base, found[brick]}.add(look, Vec3(0.0), 1, kWholeCell, 0);
                     }
             lost += unknown;
@@ -287,11 +300,12 @@ int CatmullRomCells::most_roots(std::size_t index, int axis) const {
     return look_at(f, at.lo, at.hi).most_roots[static_cast<std::size_t>(axis)];
 }
 
-void CatmullRomCells::cross(std::size_t index, const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,
-                            std::vector<FieldRoot>& roots, IsolationStats& stats) const {
+void CatmullRomCells::cross(std::size_t index, const Vec3& origin, const Vec3& direction, double t_lo,
+                            double t_hi, std::vector<FieldRoot>& roots, IsolationStats& stats) const {
     const Place at = place(index);
     const Vec3 base(at.base[0], at.base[1], at.base[2]);
-    // Where the line enters and leaves; half-open along axes across which it does not move, but at the volume's end.
+    // Where the line enters and leaves; half-open along axes across which it does not move, but at the
+    // volume's end.
     double lo = t_lo;
     double hi = t_hi;
     Vec3 enters(-kInfinity), leaves(kInfinity);
@@ -325,7 +339,8 @@ void CatmullRomCells::cross(std::size_t index, const Vec3& origin, const Vec3& d
     f.front() = catmull_rom_value(samples, isovalue, from);
     f.back() = catmull_rom_value(samples, isovalue, to);
     double largest = 0;
-    for (const float sample : samples) largest = std::max(largest, std::abs(static_cast<double>(sample) - isovalue));
+    for (const float sample : samples)
+        largest = std::max(largest, std::abs(static_cast<double>(sample) - isovalue));
     LineRoots found{f, kNoise * largest, stats};
     found.isolate(f, 0, 1, 0);
     for (std::size_t i = 0; i < found.count; ++i) {

@@ -1,13 +1,16 @@
-// The isosurface of a Catmull-Rom volume in cells of the grid and parts of them: what sampler and truth share of it.
+// The isosurface of a Catmull-Rom volume in cells of the grid and parts of them: what sampler and truth share
+// of it.
 //
-// Control points throw away cells without a zero, shrink those that stay to a box around their part of the surface and
-// bound the gradient there. Cells in which lines along no one axis suit are cut into octants, up to twice, where that
-// makes lines much fewer. Eight bytes a cell are kept, all else is found again when it is asked for.
+// Control points throw away cells without a zero, shrink those that stay to a box around their part of the
+// surface and bound the gradient there. Cells in which lines along no one axis suit are cut into octants, up
+// to twice, where that makes lines much fewer. Eight bytes a cell are kept, all else is found again when it
+// is asked for.
 //
-// Along a line the field is a polynomial of degree 9 in each cell. Which cell a root belongs to is decided by signs
-// of the field where the line crosses a face: there the coordinate across is put on the face exactly, the weights of
-// Catmull-Rom are exactly 0 and 1, and both cells sum the same products. So the crossings of a line in all cells are those
-// of one sequence of signs: none is lost or doubled. A sample equal to the isovalue counts as above it.
+// Along a line the field is a polynomial of degree 9 in each cell. Which cell a root belongs to is decided by
+// signs of the field where the line crosses a face: there the coordinate across is put on the face exactly,
+// the weights of Catmull-Rom are exactly 0 and 1, and both cells sum the same products. So the crossings of a
+// line in all cells are those of one sequence of signs: none is lost or doubled. A sample equal to the
+// isovalue counts as above it.
 #pragma once
 
 #include <cstdint>
@@ -59,7 +62,8 @@ private:
     [[nodiscard]] static Place place_of(std::uint64_t code);
 
     IsoField field_;
-    std::vector<std::uint64_t> cells_;  // base, 18 bits an axis; then 1 and three bits for every octant on the way
+    std::vector<std::uint64_t>
+        cells_;  // base, 18 bits an axis; then 1 and three bits for every octant on the way
     std::size_t lost_ = 0;
 };
 

@@ -1,8 +1,8 @@
-// Lines along an axis through cells of a Catmull-Rom volume: a cubic each, by rows of four samples at once; then roots
-// over SIMD lanes.
+// Lines along an axis through cells of a Catmull-Rom volume: a cubic each, by rows of four samples at once;
+// then roots over SIMD lanes.
 //
-// No step of a line looks at another line, products are not fused, and sums have one order: the same bits on every
-// instruction set and for every number of lines.
+// No step of a line looks at another line, products are not fused, and sums have one order: the same bits on
+// every instruction set and for every number of lines.
 #include <limits>
 
 #include "field/catmull_rom.hpp"
@@ -31,10 +31,10 @@ struct SampleRows {
 struct alignas(64) CubicLanes {
     SampleRows rows[kLines];
     float border[kLines][64];
-    double base[kLineRoom];             // of the cell, along the lines
-    double across[2][kLineRoom];        // in the cell; lo and hi as well
+    double base[kLineRoom];       // of the cell, along the lines
+    double across[2][kLineRoom];  // in the cell; lo and hi as well
     double weights[2][kLineRoom][4];
-    double sums[kLineRoom][4];          // the four samples of the cubic
+    double sums[kLineRoom][4];  // the four samples of the cubic
     double lo[kLineRoom], hi[kLineRoom];
     // Of lines with a root alone, in their order:
     double cubic[4][kLineRoom];
@@ -96,7 +96,8 @@ HWY_INLINE void add(Row& sum, double weight, const Row& row) {
 /// Σ of the products of two rows.
 HWY_INLINE double dot(const Row& a, const Row& b) {
     alignas(64) double product[4];
-    for (std::size_t p = 0; p < kParts; ++p) hn::Store(hn::Mul(a.part[p], b.part[p]), d4, product + p * kWidth);
+    for (std::size_t p = 0; p < kParts; ++p)
+        hn::Store(hn::Mul(a.part[p], b.part[p]), d4, product + p * kWidth);
     return (product[0] + product[1]) + (product[2] + product[3]);
 }
 
@@ -104,8 +105,12 @@ HWY_INLINE double dot(const Row& a, const Row& b) {
 struct Four {
     V w0, w1, w2, w3;
 };
-HWY_INLINE V times_add(V a, V b, double c) { return hn::Add(hn::Mul(a, b), hn::Set(d, c)); }
-HWY_INLINE V scaled(double a, V b) { return hn::Mul(hn::Set(d, a), b); }
+HWY_INLINE V times_add(V a, V b, double c) {
+    return hn::Add(hn::Mul(a, b), hn::Set(d, c));
+}
+HWY_INLINE V scaled(double a, V b) {
+    return hn::Mul(hn::Set(d, a), b);
+}
 HWY_INLINE Four weights_at(V t) {
     const V tt = hn::Mul(t, t);
     return {hn::Mul(t, times_add(t, times_add(t, hn::Set(d, -0.5), 1), -0.5)),
@@ -114,8 +119,9 @@ HWY_INLINE Four weights_at(V t) {
             hn::Mul(tt, times_add(t, hn::Set(d, 0.5), -0.5))};
 }
 HWY_INLINE Four slopes_at(V t) {
-    return {times_add(t, times_add(t, hn::Set(d, -1.5), 2), -0.5), hn::Mul(t, times_add(t, hn::Set(d, 4.5), -5)),
-            times_add(t, times_add(t, hn::Set(d, -4.5), 4), 0.5), hn::Mul(t, times_add(t, hn::Set(d, 1.5), -1))};
+    return {
+        times_add(t, times_add(t, hn::Set(d, -1.5), 2), -0.5), hn::Mul(t, times_add(t, hn::Set(d, 4.5), -5)),
+        times_add(t, times_add(t, hn::Set(d, -4.5), 4), 0.5), hn::Mul(t, times_add(t, hn::Set(d, 1.5), -1))};
 }
 HWY_INLINE V sum_of(const Four& w, const Four& c) {
     return hn::Add(hn::Add(hn::Mul(w.w0, c.w0), hn::Mul(w.w1, c.w1)),
@@ -125,17 +131,18 @@ HWY_INLINE void store_each(const Four& w, double (*to)[4]) {
     hn::StoreInterleaved4(w.w0, w.w1, w.w2, w.w3, d, &to[0][0]);
 }
 
-/// The four samples of the cubic along an axis. `first` and `second` are the weights of the two other axes, in the
-/// order x, y, z.
+/// The four samples of the cubic along an axis. `first` and `second` are the weights of the two other axes,
+/// in the order x, y, z.
 template <int axis>
-HWY_INLINE void sum_samples(const SampleRows& rows, double isovalue, const double* first, const double* second,
-                            double* sums) {
+HWY_INLINE void sum_samples(const SampleRows& rows, double isovalue, const double* first,
+                            const double* second, double* sums) {
     const auto less = hn::Set(d4, isovalue);
     if (axis == 0) {
         Row sum = zero_row();
         for (int k = 0; k < 4; ++k) {
             Row slice = zero_row();
-            for (int j = 0; j < 4; ++j) add(slice, first[j], load_row(rows.first + j * rows.y + k * rows.z, less));
+            for (int j = 0; j < 4; ++j)
+                add(slice, first[j], load_row(rows.first + j * rows.y + k * rows.z, less));
             add(sum, second[k], slice);
         }
         store_row(sum, sums);
@@ -224,7 +231,8 @@ void find_roots(std::size_t n, CubicLanes& lanes) {
         auto active = hn::FirstN(d, n - i);
         for (int step = 0; step < 100; ++step) {
             const auto inside = hn::And(hn::Gt(t, lo), hn::Lt(t, hi));
-            t = hn::IfThenElse(hn::Or(inside, hn::Not(active)), t, hn::Add(lo, hn::Mul(half, hn::Sub(hi, lo))));
+            t = hn::IfThenElse(hn::Or(inside, hn::Not(active)), t,
+                               hn::Add(lo, hn::Mul(half, hn::Sub(hi, lo))));
             const V f = hn::Add(hn::Mul(hn::Add(hn::Mul(hn::Add(hn::Mul(a3, t), a2), t), a1), t), c1);
             const V slope = hn::Add(hn::Mul(hn::Add(hn::Mul(scaled(3, a3), t), scaled(2, a2)), t), a1);
             const auto above = hn::Not(hn::Xor(hn::Ge(f, hn::Zero(d)), rising));
@@ -246,7 +254,8 @@ void find_roots(std::size_t n, CubicLanes& lanes) {
 
 /// Precondition: count <= kLines; rows, base, across, lo and hi are set.
 template <int a>
-void lines_along(double isovalue, std::size_t first, std::size_t count, CubicLanes& lanes, const AxisRoots& out) {
+void lines_along(double isovalue, std::size_t first, std::size_t count, CubicLanes& lanes,
+                 const AxisRoots& out) {
     constexpr int b = a == 0 ? 1 : 0;
     constexpr int c = a == 2 ? 1 : 2;
     for (std::size_t i = 0; i < count; i += hn::Lanes(d)) {

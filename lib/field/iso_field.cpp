@@ -9,8 +9,8 @@
 namespace pellucid {
 namespace {
 
-/// Catmull-Rom's weights sum to 1, their sizes to 5/4 at most along an axis: values go beyond the samples by so much
-/// of their spread.
+/// Catmull-Rom's weights sum to 1, their sizes to 5/4 at most along an axis: values go beyond the samples by
+/// so much of their spread.
 constexpr double kOvershoot = 1.25 * 1.25 * 1.25;
 /// The linear continuation beyond a border goes as far again as its two samples lie apart, to both sides.
 constexpr double kContinuation = 3;
@@ -137,10 +137,12 @@ bool IsoField::excludes(const Box& box) const {
                                         static_cast<std::size_t>(bricks_[1]) * static_cast<std::size_t>(bz));
                 if (!brick_may_hold(brick)) continue;
                 const CellRange own = cells_of_brick(brick);
-                for (int k = std::max(own.first[2], range.first[2]); k < std::min(own.last[2], range.last[2]); ++k)
-                    for (int j = std::max(own.first[1], range.first[1]); j < std::min(own.last[1], range.last[1]); ++j)
-                        for (int i = std::max(own.first[0], range.first[0]); i < std::min(own.last[0], range.last[0]);
-                             ++i)
+                for (int k = std::max(own.first[2], range.first[2]); k < std::min(own.last[2], range.last[2]);
+                     ++k)
+                    for (int j = std::max(own.first[1], range.first[1]);
+                         j < std::min(own.last[1], range.last[1]); ++j)
+                        for (int i = std::max(own.first[0], range.first[0]);
+                             i < std::min(own.last[0], range.last[0]); ++i)
                             if (!cell_excludes({i, j, k}, box)) return false;
             }
     return true;

@@ -139,7 +139,7 @@ struct MpuField::Builder {
         };
         LocalFitOptions how{.radius = radius,
                             .own_radius = kSupport,
-                            .few = 2 * options.least_points,
+                            .few = options.least_points,
                             .sharp = options.sharp,
                             .good_enough = accuracy / edge};
         const bool may_cut = own >= options.least_points && depth < options.most_depth;
@@ -383,109 +383,164 @@ bool MpuField::excludes(const Box& box) const {
     return !range(list, unit).value.has_zero();
 }
 
-/// With P = Σ φ_i(c) Q_i, a quadric, and D_i = Q_i − P, small where the fits agree, φ_i = w_i/Σw:
-///   f  = P + Σ φ_i D_i           in P + hull D_i
-///   ∇f = ∇P + Σ φ_i ∇D_i + Σ ∇φ_i D_i, and Σ ∇φ_i D_i = Σ (∇w_i/Σw)(D_i − Σ φ_j D_j).
+/// With φ_i = w_i/Σw, P = Σ φ_i(c) Q_i, a quadric, and D_i = Q_i − P, of which Σ φ_i(c) D_i = 0:
+///   f  = P + Σ (φ_i − φ_i(c)) D_i = P + E
+///   ∇f = ∇P + Σ (φ_i − φ_i(c)) ∇D_i + Σ ∇φ_i D_i, and Σ ∇φ_i D_i = Σ (∇w_i/Σw)(D_i − E), which is
+/// known in the middle.
+/// In small boxes φ_i − φ_i(c) is small, and D_i where the fits agree.
 MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) const {
+    // In half-widths of the box each coordinate is in [−1, 1].
+    using Coefficients = std::array<double, 10>;
+    struct Reach {
+        double value;
+        std::array<double, 3> slope;
+    };
+    const auto reach_of = [](const Coefficients& c) {
+        const auto a = [&](std::size_t i) { return std::abs(c[i]); };
+        const std::array<double, 3> bend{2 * a(4) + a(7) + a(8), 2 * a(5) + a(7) + a(9), 2 * a(6) + a(8) + a(9)};
+        return Reach{a(0) + a(1) + a(2) + a(3) + a(4) + a(5) + a(6) + a(7) + a(8) + a(9),
+                     {a(1) + bend[0], a(2) + bend[1], a(3) + bend[2]}};
+    };
     struct Part {
-        Quadric q;               // of x − center of the box, in the box's own half-widths
-        double push[3];          // largest |∂w| along each axis
-        std::uint32_t leaf;
+        Coefficients q;
+        double most, least, here;  // weights
+        std::array<double, 3> push, push_here, push_varies;  // ∂w along each axis: largest |∂w|, in the middle, off it
+        Reach other;  // how far the other pieces of the leaf may be from this one
     };
     thread_local std::vector<Part> parts;
     parts.clear();
     const Vec3 center = box.center();
     const Vec3 half = 0.5 * box.size();
-    Quadric mean;
-    double weight_at_center = 0;
+    Coefficients mean{};
+    double weight_here = 0;
     double least_weight = 0;
+    double most_weight = 0;
     for (const std::uint32_t number : list) {
         const MpuLeaf& leaf = leaves_[number];
         const double edge = leaf.edge;
         const Vec3 u = (center - vector(leaf.center)) / edge;
         const Vec3 h = half / edge;
         const Vec3 near = glm::max(glm::abs(u) - h, Vec3(0.0));
-        const Vec3 far = glm::abs(u) + h;
         const MpuWeight most(dot(near, near));
         if (!(most.value > 0)) continue;
-        least_weight += MpuWeight(dot(far, far)).value;
+        const Vec3 far = glm::abs(u) + h;
+        const MpuWeight least(dot(far, far));
         const MpuWeight here(dot(u, u));
-        weight_at_center += here.value;
-        std::array<double, 3> value{};
-        const std::size_t first = parts.size();
-        for (std::size_t k = 0; k < piece_count(leaf.join); ++k) {
-            const Quadric q = quadric(piece(leaf, k));
+        Part part{{}, most.value, least.value, here.value, {}, {}, {}, {0, {0, 0, 0}}};
+        for (std::size_t a = 0; a < 3; ++a) {
+            const auto axis = static_cast<int>(a);
+            // ∂w = −slope·u_a/edge, the slope falls with the distance.
+            const auto product = [&](double at) {
+                const double x = most.slope * at;
+                const double y = least.slope * at;
+                return Interval(std::min(x, y), std::max(x, y));
+            };
+            const Interval both = hull(product(u[axis] - h[axis]), product(u[axis] + h[axis]));
+            const double middle = here.slope * u[axis];
+            part.push[a] = both.reach() / edge;
+            part.push_here[a] = -middle / edge;
+            part.push_varies[a] = std::max(both.hi - middle, middle - both.lo) / edge;
+        }
+        const auto in_half_widths = [&](const Quadric& q) {
             const Vec3 g = q.gradient(u);
             const auto& c = q.c;
-            value[k] = q.value(u);
-            Part part{{{edge * value[k], edge * h.x * g.x, edge * h.y * g.y, edge * h.z * g.z, edge * h.x * h.x * c[4],
-                        edge * h.y * h.y * c[5], edge * h.z * h.z * c[6], edge * h.x * h.y * c[7],
-                        edge * h.x * h.z * c[8], edge * h.y * h.z * c[9]}},
-                      {most.slope * far.x / edge, most.slope * far.y / edge, most.slope * far.z / edge},
-                      number};
-            parts.push_back(part);
+            return Coefficients{edge * q.value(u),       edge * h.x * g.x,        edge * h.y * g.y,
+                                edge * h.z * g.z,        edge * h.x * h.x * c[4], edge * h.y * h.y * c[5],
+                                edge * h.z * h.z * c[6], edge * h.x * h.y * c[7], edge * h.x * h.z * c[8],
+                                edge * h.y * h.z * c[9]};
+        };
+        part.q = in_half_widths(quadric(leaf.q));
+        if (leaf.join != Join::one) {
+            std::array<Coefficients, 3> pieces{part.q};
+            std::array<double, 3> value{part.q[0]};
+            for (std::size_t k = 1; k < piece_count(leaf.join); ++k) {
+                pieces[k] = in_half_widths(quadric(piece(leaf, k)));
+                value[k] = pieces[k][0];
+            }
+            const std::size_t decides = deciding_piece(leaf.join, value);
+            part.q = pieces[decides];
+            const bool larger = leaf.join == Join::max2 || leaf.join == Join::max3;
+            const bool smaller = leaf.join == Join::min2 || leaf.join == Join::min3;
+            for (std::size_t k = 0; k < piece_count(leaf.join); ++k) {
+                if (k == decides) continue;
+                Coefficients off;
+                for (std::size_t i = 0; i < 10; ++i) off[i] = pieces[k][i] - part.q[i];
+                const Reach reach = reach_of(off);
+                const double varies = reach.value - std::abs(off[0]);
+                // A piece that is surely on the wrong side of another never decides.
+                if ((larger && off[0] + varies < 0) || (smaller && off[0] - varies > 0)) continue;
+                part.other.value = std::max(part.other.value, reach.value);
+                for (std::size_t a = 0; a < 3; ++a) part.other.slope[a] = std::max(part.other.slope[a], reach.slope[a]);
+            }
         }
-        const Quadric& own = parts[first + deciding_piece(leaf.join, value)].q;
-        for (std::size_t i = 0; i < 10; ++i) mean.c[i] += here.value * own.c[i];
+        least_weight += part.least;
+        most_weight += part.most;
+        weight_here += part.here;
+        for (std::size_t i = 0; i < 10; ++i) mean[i] += part.here * part.q[i];
+        parts.push_back(part);
     }
     MpuRange range{Interval::everything(true),
                    {Interval::everything(true), Interval::everything(true), Interval::everything(true)}};
-    if (!(weight_at_center > 0)) return range;
-    for (double& c : mean.c) c /= weight_at_center;
-
-    // In half-widths each coordinate is in [−1, 1].
-    struct Reach {
-        double value;
-        double slope[3];
-    };
-    const auto reach_of = [](const std::array<double, 10>& c) {
-        const auto a = [&](std::size_t i) { return std::abs(c[i]); };
-        return Reach{a(1) + a(2) + a(3) + a(4) + a(5) + a(6) + a(7) + a(8) + a(9),
-                     {2 * a(4) + a(7) + a(8), 2 * a(5) + a(7) + a(9), 2 * a(6) + a(8) + a(9)}};
-    };
-    double lo = kInfinity;
-    double hi = -kInfinity;
-    double slope_lo[3] = {kInfinity, kInfinity, kInfinity};
-    double slope_hi[3] = {-kInfinity, -kInfinity, -kInfinity};
-    for (Part& part : parts) {
-        auto& c = part.q.c;
-        for (std::size_t i = 0; i < 10; ++i) c[i] -= mean.c[i];
-        const Reach reach = reach_of(c);
-        lo = std::min(lo, c[0] - reach.value);
-        hi = std::max(hi, c[0] + reach.value);
-        for (std::size_t k = 0; k < 3; ++k) {
-            slope_lo[k] = std::min(slope_lo[k], c[1 + k] - reach.slope[k]);
-            slope_hi[k] = std::max(slope_hi[k], c[1 + k] + reach.slope[k]);
+    if (!(weight_here > 0)) return range;
+    for (double& c : mean) c /= weight_here;
+    // Σw is at least what it is in the middle less what it can lose on the way; and, within the cube, a leaf's own at its
+    // corners.
+    double lost = 0;
+    std::array<double, 3> pull{};  // largest |∂Σw|
+    for (std::size_t a = 0; a < 3; ++a) {
+        double middle = 0;
+        double varies = 0;
+        for (const Part& part : parts) {
+            middle += part.push_here[a];
+            varies += part.push_varies[a];
         }
+        pull[a] = std::abs(middle) + varies;
+        lost += half[static_cast<int>(a)] * pull[a];
     }
-    const Reach reach = reach_of(mean.c);
-    range.value = Interval(mean.c[0] - reach.value + lo - kSlack, mean.c[0] + reach.value + hi + kSlack);
-    // Within the cube there is a leaf's own weight at its corners at least.
+    least_weight = std::max(least_weight, weight_here - lost);
+    most_weight = std::min(most_weight, weight_here + lost);
     if (box.lo.x >= 0 && box.lo.y >= 0 && box.lo.z >= 0 && box.hi.x <= 1 && box.hi.y <= 1 && box.hi.z <= 1)
         least_weight = std::max(least_weight, kLeastWeight);
     if (!(least_weight > 0)) return range;
-    double push[3] = {0, 0, 0};
-    std::uint32_t last = kLeaf;
-    double largest[3] = {0, 0, 0};  // of the pieces of one leaf, the one that is furthest off
-    const auto add_push = [&] {
-        for (std::size_t k = 0; k < 3; ++k) push[k] += largest[k];
-        std::ranges::fill(largest, 0.0);
-    };
-    for (const Part& part : parts) {
-        if (part.leaf != last) add_push();
-        last = part.leaf;
-        const double wide = reach_of(part.q.c).value;
-        const double off = std::max(part.q.c[0] + wide - lo, hi - (part.q.c[0] - wide));
-        for (std::size_t k = 0; k < 3; ++k) largest[k] = std::max(largest[k], part.push[k] * off);
+
+    double off = 0;  // |E|
+    std::array<double, 3> slope_off{};
+    for (Part& part : parts) {
+        for (std::size_t i = 0; i < 10; ++i) part.q[i] -= mean[i];
+        const Reach reach = reach_of(part.q);
+        const double share = part.here / weight_here;
+        const double most = std::min(1.0, part.most / least_weight);
+        double moved = 0;  // ∇φ = (∇w − φ ∇Σw)/Σw
+        for (std::size_t a = 0; a < 3; ++a)
+            moved += half[static_cast<int>(a)] * (part.push[a] + most * pull[a]) / least_weight;
+        const double change = std::min(moved, std::max(most - share, share - part.least / most_weight));
+        off += change * reach.value + most * part.other.value;
+        for (std::size_t a = 0; a < 3; ++a) slope_off[a] += change * reach.slope[a] + most * part.other.slope[a];
     }
-    add_push();
-    for (std::size_t k = 0; k < 3; ++k) {
-        const double h = half[static_cast<int>(k)];
+    const Reach reach = reach_of(mean);
+    const double wide = reach.value - std::abs(mean[0]) + off + kSlack;
+    range.value = Interval(mean[0] - wide, mean[0] + wide);
+    for (std::size_t a = 0; a < 3; ++a) {
+        const double h = half[static_cast<int>(a)];
         if (!(h > 0)) continue;
-        const double more = push[k] / least_weight + kGradientSlack;
-        range.gradient[k] = Interval((mean.c[1 + k] - reach.slope[k] + slope_lo[k]) / h - more,
-                                     (mean.c[1 + k] + reach.slope[k] + slope_hi[k]) / h + more);
+        double push = 0;
+        double varies = 0;
+        for (const Part& part : parts) {
+            const double reach_here = reach_of(part.q).value;
+            push += part.push_here[a] * part.q[0];
+            varies += part.push_varies[a] * reach_here + std::abs(part.push_here[a]) * (reach_here - std::abs(part.q[0])) +
+                      part.push[a] * (part.other.value + off);
+        }
+        const Interval drift = Interval(push - varies, push + varies) / Interval(least_weight, most_weight);
+        const double slope = mean[1 + a] / h;
+        const double more = (reach.slope[a] - std::abs(mean[1 + a]) + slope_off[a]) / h + kGradientSlack;
+        range.gradient[a] = Interval(slope + drift.lo - more, slope + drift.hi + more);
     }
+    // f(x) = f(c) + ∇f(ξ)·(x − c)
+    double steps = kSlack;
+    for (std::size_t a = 0; a < 3; ++a)
+        if (const double h = half[static_cast<int>(a)]; h > 0) steps += h * range.gradient[a].reach();
+    range.value = intersect(range.value, Interval(mean[0] - steps, mean[0] + steps));
     return range;
 }
 

@@ -22,7 +22,7 @@ namespace pellucid {
 
 struct MpuOptions {
     double accuracy = 1e-3;          // cells are cut while a fit misses a point by more, of the diagonal of the points
-    std::size_t least_points = 15;   // a fit has so many; balls with fewer are enlarged for it, and not cut
+    std::size_t least_points = 30;   // a fit has so many; balls with fewer are enlarged for it, and not cut (noise: not 15)
     int most_depth = 20;             // <= kMpuMostDepth
     bool sharp = true;               // edges and corners
 };

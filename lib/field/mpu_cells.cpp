@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "core/parallel.hpp"
+#include "field/mpu_lanes.hpp"
 #include "field/mpu_lines.hpp"
 #include "field/safeguarded_newton.hpp"
 
@@ -14,7 +15,7 @@ namespace {
 constexpr double kFlat = 1.5;
 /// A leaf is cut so often for flatness, and so often for being monotone along any axis.
 constexpr int kCutsForFlat = 1;
-constexpr int kCutsForMonotone = 3;
+constexpr int kCutsForMonotone = 2;
 /// A box is looked into again where its volume has become less than this share.
 constexpr double kShrunkMuch = 0.6;
 /// Boxes around the surface are larger than they need be by this share of their cell.
@@ -24,6 +25,10 @@ constexpr std::size_t kNeighbours = 8;
 constexpr double kNeighboursReach = 1.6;
 /// An outlier's neighbours are far away; its spacing is believed up to so many of the median.
 constexpr double kMostSpacing = 4;
+/// Gradients are looked at in so many places, and may go beyond what was seen by this share of it and by so much.
+constexpr int kPlacesSeen = 15;
+constexpr double kRoomBeyondSeen = 0.3;
+constexpr double kLeastRoom = 0.01;
 /// Pieces that a line may cost in one cell, and how often they are halved.
 constexpr int kMostPieces = 512;
 constexpr int kMostHalvings = 24;
@@ -59,17 +64,34 @@ struct MpuCells::Builder {
 
     const MpuField& field;
     double reach = 0;  // of the leaf at hand
-    std::vector<std::uint32_t> list;
-
     [[nodiscard]] static double half_diagonal(const Box& box) { return 0.5 * length(box.size()); }
 
-    enum class Nearness { far, part, near };
+    using List = std::vector<std::uint32_t>;
+    /// Those of a list whose balls meet a box, with room: lines end in faces but for rounding.
+    [[nodiscard]] List reaching(const List& list, const Box& box) const {
+        const Vec3 center = box.center();
+        const Vec3 half = 0.5 * box.size();
+        const Vec3 roomy = half + 1e-9 * half + 1e-15;
+        List out;
+        out.reserve(list.size());
+        for (const std::uint32_t number : list) {
+            const MpuLeaf& leaf = field.leaves()[number];
+            const Vec3 off(leaf.center[0] - center.x, leaf.center[1] - center.y, leaf.center[2] - center.z);
+            const Vec3 near = glm::max(glm::abs(off) - roomy, Vec3(0.0));
+            const double edge = leaf.edge;
+            if (dot(near, near) < kMpuSupport2 * edge * edge) out.push_back(number);
+        }
+        return out;
+    }
+
+    enum class Nearness { nowhere, far, part, near };
     /// Whether what the box has of the surface is near points; boxes are cut for it until they are half the reach.
-    [[nodiscard]] Nearness nearness(const Box& box) const {
+    [[nodiscard]] Nearness nearness(const List& list, const Box& box) const {
         const double half = half_diagonal(box);
         const double d = field.tree().distance(box.center(), reach + half);
         if (d >= reach + half) return Nearness::far;
         if (d + half <= reach) return Nearness::near;
+        if (!field.range(list, box).value.has_zero()) return Nearness::nowhere;
         if (half <= 0.5 * reach) return d <= reach ? Nearness::near : Nearness::far;
         bool near = false;
         bool far = false;
@@ -78,16 +100,15 @@ struct MpuCells::Builder {
             const Vec3 side((corner & 1U) != 0 ? 1 : -1, (corner & 2U) != 0 ? 1 : -1, (corner & 4U) != 0 ? 1 : -1);
             const Vec3 center = box.center() + side * quarter;
             const Box part{center - quarter, center + quarter};
-            if (!field.range(list, part).value.has_zero()) continue;
-            const Nearness there = nearness(part);
-            near = near || there != Nearness::far;
-            far = far || there != Nearness::near;
+            const Nearness there = nearness(reaching(list, part), part);
+            near = near || there == Nearness::near || there == Nearness::part;
+            far = far || there == Nearness::far || there == Nearness::part;
         }
-        return near && far ? Nearness::part : near ? Nearness::near : Nearness::far;
+        return near && far ? Nearness::part : near ? Nearness::near : far ? Nearness::far : Nearness::nowhere;
     }
 
     /// The box of those x in `box` where f may be 0: f(c) + Σ g_j (x_j − c_j) solved for each x_i in turn. False if none.
-    [[nodiscard]] bool shrink(const MpuRange& range, Box& box) const {
+    [[nodiscard]] bool shrink(const List& list, const MpuRange& range, Box& box) const {
         const Vec3 c = box.center();
         const Interval f = field.range(list, {c, c}).value;
         std::array<Interval, 3> off;
@@ -130,32 +151,63 @@ struct MpuCells::Builder {
         });
     }
 
-    void look(const Cube& cube, int cuts, bool surely_near, Kept& kept) const {
+    /// ∇f from places all over a box, with room, where the sure range says nothing: of noisy points the local fits differ
+    /// by what absolute values add up and signs cancel. False beside edges and corners.
+    [[nodiscard]] bool estimate(const List& list, const Box& box, MpuRange& range) const {
+        for (const std::uint32_t number : list)
+            if (field.leaves()[number].join != Join::one) return false;
+        std::array<Interval, 3> seen{Interval::nothing(), Interval::nothing(), Interval::nothing()};
+        for (int i = 0; i < kPlacesSeen; ++i) {
+            const Vec3 share = i < 8 ? Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1)
+                                     : i < 14 ? Vec3((i - 8) / 2 == 0 ? i & 1 : 0.5, (i - 8) / 2 == 1 ? i & 1 : 0.5,
+                                                     (i - 8) / 2 == 2 ? i & 1 : 0.5)
+                                              : Vec3(0.5);
+            const Vec3 place = field.bounds().lo + field.size() * (box.lo + share * box.size());
+            const Vec3 g = mpu_gradient(field, list, place);
+            for (std::size_t k = 0; k < 3; ++k) {
+                const double slope = g[static_cast<int>(k)];
+                seen[k] = Interval(std::min(seen[k].lo, slope), std::max(seen[k].hi, slope));
+            }
+            if (i > 0 && seen[0].has_zero() && seen[1].has_zero() && seen[2].has_zero()) return false;
+        }
+        for (std::size_t k = 0; k < 3; ++k) {
+            const double room = kRoomBeyondSeen * seen[k].width() + kLeastRoom;
+            range.gradient[k] = intersect(range.gradient[k], Interval(seen[k].lo - room, seen[k].hi + room));
+        }
+        return true;
+    }
+
+    void look(const List& list, const Cube& cube, int cuts, bool surely_near, Kept& kept) const {
         const Box whole = cube.box();
-        MpuRange range = field.range(list, whole);
-        if (!range.value.has_zero()) return;
         bool split = false;
         if (!surely_near) {
-            const Nearness near = nearness(whole);
-            if (near == Nearness::far) return;
+            const Nearness near = nearness(list, whole);
+            if (near == Nearness::far || near == Nearness::nowhere) return;
             surely_near = near == Nearness::near;
             split = !surely_near;
         }
+        MpuRange range = field.range(list, whole);
+        if (!range.value.has_zero()) return;
         Box tight = whole;
         if (!split) {
+            if (!monotone(range)) (void)estimate(list, tight, range);
             for (int pass = 0; pass < 2 && bounded(range); ++pass) {
                 const Vec3 before = tight.size();
-                if (!shrink(range, tight)) return;
+                if (!shrink(list, range, tight)) return;
                 const Vec3 after = tight.size();
                 if (after.x * after.y * after.z > kShrunkMuch * before.x * before.y * before.z) break;
-                const MpuRange again = field.range(list, tight);
+                MpuRange again = field.range(list, tight);
                 if (!again.value.has_zero()) return;
+                if (!monotone(again)) (void)estimate(list, tight, again);
                 range = again;
             }
             split = cuts < kCutsForFlat ? !flat(range) : cuts < kCutsForMonotone && !monotone(range);
         }
         if (split && cube.extent > 1) {
-            for (unsigned corner = 0; corner < 8; ++corner) look(cube.part(corner), cuts + 1, surely_near, kept);
+            for (unsigned corner = 0; corner < 8; ++corner) {
+                const Cube part = cube.part(corner);
+                look(reaching(list, part.box()), part, cuts + (surely_near ? 1 : 0), surely_near, kept);
+            }
             return;
         }
         MpuCell cell;
@@ -170,18 +222,9 @@ struct MpuCells::Builder {
             cell.gradient_hi[k] = above(range.gradient[k].hi);
         }
         cell.first_leaf = static_cast<std::uint32_t>(kept.lists.size());
-        // With room: lines end in faces but for rounding.
-        const Vec3 room(1e-9 * edge + 1e-15);
-        const Vec3 center = whole.center();
-        const Vec3 half = 0.5 * whole.size() + room;
-        for (const std::uint32_t number : list) {
-            const MpuLeaf& leaf = field.leaves()[number];
-            const Vec3 off(leaf.center[0] - center.x, leaf.center[1] - center.y, leaf.center[2] - center.z);
-            const Vec3 near = glm::max(glm::abs(off) - half, Vec3(0.0));
-            const double leaf_edge = leaf.edge;
-            if (dot(near, near) < kMpuSupport2 * leaf_edge * leaf_edge) kept.lists.push_back(number);
-        }
+        kept.lists.insert(kept.lists.end(), list.begin(), list.end());
         cell.leaf_count = static_cast<std::uint32_t>(kept.lists.size()) - cell.first_leaf;
+        cell.sharp = std::ranges::any_of(list, [&](std::uint32_t i) { return field.leaves()[i].join != Join::one; });
         kept.cells.push_back(cell);
     }
 
@@ -202,10 +245,10 @@ struct MpuCells::Builder {
         field.tree().nearest(nearest, 1 + kNeighbours, near);
         const double local = length(field.tree().points()[near.back()].position - nearest) / kNeighboursReach;
         reach = kMpuReach * std::clamp(local, median, kMostSpacing * median);
-        // With the room that lists have.
         const Vec3 room(1e-9 * edge + 1e-15);
+        List list;
         field.leaves_at({box.lo - room, box.hi + room}, list);
-        look(cube, 0, false, kept);
+        look(list, cube, 0, false, kept);
     }
 };
 
@@ -215,7 +258,7 @@ MpuCells::MpuCells(const MpuField& field) : field_(field) {
     const std::size_t chunks = (leaves.size() + kChunk - 1) / kChunk;
     std::vector<Builder::Kept> kept(chunks);
     parallel_for(chunks, 1, [&](std::size_t begin, std::size_t end) {
-        Builder builder{field, 0, {}};
+        Builder builder{field};
         for (std::size_t c = begin; c < end; ++c)
             for (std::size_t i = c * kChunk; i < std::min(leaves.size(), (c + 1) * kChunk); ++i)
                 builder.look_into_leaf(leaves[i], kept[c]);
@@ -371,6 +414,39 @@ std::size_t MpuCells::bytes() const {
     return cells_.capacity() * sizeof(MpuCell) + lists_.capacity() * sizeof(std::uint32_t);
 }
 
-void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const { SurfaceCells::cross_along(lines, out); }
+void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const {
+    const std::size_t a = lines.axis;
+    const std::size_t axes[2] = {(a + 1) % 3, (a + 2) % 3};
+    const Vec3 first = field_.bounds().lo;
+    const auto along = static_cast<int>(a);
+    thread_local std::vector<MpuLaneLine> lanes;
+    thread_local std::vector<std::size_t> number;
+    lanes.clear();
+    number.clear();
+    for (std::size_t i = 0; i < lines.count; ++i) {
+        const MpuCell& cell = cells_[lines.cell[i]];
+        if (cell.sharp || cell.leaf_count > kMpuLaneLeaves) {
+            AxisLines one{a, 1, lines.cell + i, {}, lines.lo + i, lines.hi + i};
+            for (const std::size_t axis : axes) one.at[axis] = lines.at[axis] + i;
+            SurfaceCells::cross_along(one, {out.root + i, {out.gradient[0] + i, out.gradient[1] + i, out.gradient[2] + i}});
+            continue;
+        }
+        MpuLaneLine lane{leaves_of(cell), {}, 0, 0, 0, {}};
+        for (std::size_t k = 0; k < 2; ++k)
+            lane.at[k] = (lines.at[axes[k]][i] - first[static_cast<int>(axes[k])]) / field_.size();
+        lane.lo = (lines.lo[i] - first[along]) / field_.size();
+        lane.hi = (lines.hi[i] - first[along]) / field_.size();
+        lanes.push_back(lane);
+        number.push_back(i);
+    }
+    cross_mpu_lanes(field_.leaves().data(), a, lanes);
+    for (std::size_t k = 0; k < lanes.size(); ++k) {
+        const std::size_t i = number[k];
+        out.root[i] = lanes[k].root;  // NaN passes
+        if (!std::isnan(lanes[k].root))
+            out.root[i] = std::clamp(first[along] + field_.size() * lanes[k].root, lines.lo[i], lines.hi[i]);
+        for (std::size_t axis = 0; axis < 3; ++axis) out.gradient[axis][i] = lanes[k].gradient[axis];
+    }
+}
 
 }  // namespace pellucid

@@ -1,8 +1,9 @@
 // The surface f = 0 of an MPU field in cells: leaves of its octree and parts of them.
 //
-// Sure ranges of f and ∇f (MpuField::range) throw away what holds no surface, shrink the rest to a box around it, and
-// cut it until f is monotone along an axis and the surface nearly flat. Each cell has the list of the leaves that reach
-// it, so f needs no search.
+// Sure ranges of f (MpuField::range) throw away what holds no surface; ranges of ∇f shrink the rest to a box around it, and
+// cut it until f is monotone along an axis and the surface nearly flat. Where the sure range of ∇f says nothing, which
+// noise in the points does, it is estimated from gradients all over the box, with room: not sure, but of what is drawn
+// alone. Each cell has the list of the leaves that reach it, so f needs no search.
 //
 // Where there are no points f is a guess: a cell is kept only if a point is within kMpuReach spacings. So a hole in a scan
 // that is wider than twice that stays a hole, the border of an open surface runs beyond the outermost points by that much,
@@ -29,6 +30,7 @@ struct MpuCell {
     std::array<float, 3> gradient_lo{}, gradient_hi{};  // over `tight`; infinite where nothing is known
     std::uint32_t first_leaf = 0;          // in MpuCells::lists
     std::uint32_t leaf_count = 0;
+    bool sharp = false;                    // whether one of them is
 
     [[nodiscard]] bool monotone(std::size_t axis) const { return gradient_lo[axis] > 0 || gradient_hi[axis] < 0; }
 };

@@ -90,72 +90,101 @@ MpuLine::Slope MpuLine::value_and_slope(double t) const {
 /// As MpuField::range, along the line.
 MpuLine::Range MpuLine::range(double lo, double hi) const {
     struct Bound {
-        double a0, a1, a2, push;
-        std::size_t part;
+        double a0, a1, a2;  // of the piece that decides in the middle; −1 … 1 from end to end
+        double most, least, here;              // weights
+        double push, push_here, push_varies;   // w': largest, in the middle, off it
+        double other, other_slope;             // how far the other pieces of the leaf may be
     };
+    constexpr double kSlack = 1e-14;
     thread_local std::vector<Bound> bounds;
     bounds.clear();
     const double middle = lo + 0.5 * (hi - lo);
     const double half = 0.5 * (hi - lo);
-    Bound mean{0, 0, 0, 0, 0};
-    double weight_at_middle = 0;
+    double mean[3] = {0, 0, 0};
+    double weight_here = 0;
     double least_weight = 0;
-    for (std::size_t i = 0; i < parts_.size(); ++i) {
-        const Part& part = parts_[i];
+    double most_weight = 0;
+    double pull = 0;
+    double pull_varies = 0;
+    for (const Part& part : parts_) {
         const double off = middle - part.middle;
         const double near = std::max(std::abs(off) - half, 0.0);
         const double far = std::abs(off) + half;
         const MpuWeight most(part.near2 + part.per2 * near * near);
         if (!(most.value > 0)) continue;
-        least_weight += MpuWeight(part.near2 + part.per2 * far * far).value;
-        const double here = MpuWeight(part.near2 + part.per2 * off * off).value;
-        weight_at_middle += here;
-        const double push = most.slope * part.per2 * far;
+        const MpuWeight least(part.near2 + part.per2 * far * far);
+        const MpuWeight here(part.near2 + part.per2 * off * off);
+        // w' = −slope·per2·off, the slope falls with the distance; per half-width.
+        const double a = -half * part.per2 * (off - half);
+        const double b = -half * part.per2 * (off + half);
+        const double push_lo = std::min({most.slope * a, most.slope * b, least.slope * a, least.slope * b});
+        const double push_hi = std::max({most.slope * a, most.slope * b, least.slope * a, least.slope * b});
+        const double push_here = -half * here.slope * part.per2 * off;
         std::array<double, 3> q{};
-        const std::size_t first = bounds.size();
+        std::array<std::array<double, 3>, 3> pieces{};
         for (std::size_t k = 0; k < piece_count(part.join); ++k) {
             const Piece& p = part.pieces[k];
             q[k] = p.a0 + off * (p.a1 + off * p.a2);
-            bounds.push_back({q[k], half * (p.a1 + 2 * off * p.a2), half * half * p.a2, push, i});
+            pieces[k] = {q[k], half * (p.a1 + 2 * off * p.a2), half * half * p.a2};
         }
-        const Bound& own = bounds[first + deciding_piece(part.join, q)];
-        mean.a0 += here * own.a0;
-        mean.a1 += here * own.a1;
-        mean.a2 += here * own.a2;
+        const auto& own = pieces[deciding_piece(part.join, q)];
+        double other = 0;
+        double other_slope = 0;
+        for (std::size_t k = 0; k < piece_count(part.join); ++k) {
+            const double d0 = pieces[k][0] - own[0];
+            const double d1 = std::abs(pieces[k][1] - own[1]);
+            const double d2 = std::abs(pieces[k][2] - own[2]);
+            const bool larger = part.join == Join::max2 || part.join == Join::max3;
+            const bool smaller = part.join == Join::min2 || part.join == Join::min3;
+            // A piece that is surely on the wrong side of another never decides.
+            if ((larger && d0 + d1 + d2 < 0) || (smaller && d0 - d1 - d2 > 0)) continue;
+            other = std::max(other, std::abs(d0) + d1 + d2);
+            other_slope = std::max(other_slope, d1 + 2 * d2);
+        }
+        bounds.push_back({own[0], own[1], own[2], most.value, least.value, here.value,
+                          std::max(push_hi, -push_lo), push_here, std::max(push_hi - push_here, push_here - push_lo),
+                          other, other_slope});
+        for (std::size_t i = 0; i < 3; ++i) mean[i] += here.value * own[i];
+        weight_here += here.value;
+        least_weight += least.value;
+        most_weight += most.value;
+        pull += push_here;
+        pull_varies += bounds.back().push_varies;
     }
     Range range{Interval::everything(true), Interval::everything(true)};
-    if (!(weight_at_middle > 0)) return range;
-    mean.a0 /= weight_at_middle;
-    mean.a1 /= weight_at_middle;
-    mean.a2 /= weight_at_middle;
-    double value_lo = kInfinity, value_hi = -kInfinity, slope_lo = kInfinity, slope_hi = -kInfinity;
-    for (Bound& b : bounds) {
-        b.a0 -= mean.a0;
-        b.a1 -= mean.a1;
-        b.a2 -= mean.a2;
-        const double wide = std::abs(b.a1) + std::abs(b.a2);
-        value_lo = std::min(value_lo, b.a0 - wide);
-        value_hi = std::max(value_hi, b.a0 + wide);
-        slope_lo = std::min(slope_lo, b.a1 - 2 * std::abs(b.a2));
-        slope_hi = std::max(slope_hi, b.a1 + 2 * std::abs(b.a2));
-    }
-    constexpr double kSlack = 1e-14;
-    const double wide = std::abs(mean.a1) + std::abs(mean.a2) + kSlack;
-    range.value = Interval(mean.a0 - wide + value_lo, mean.a0 + wide + value_hi);
+    if (!(weight_here > 0)) return range;
+    for (double& m : mean) m /= weight_here;
+    pull = std::abs(pull) + pull_varies;
+    least_weight = std::max(least_weight, weight_here - pull);
+    most_weight = std::min(most_weight, weight_here + pull);
     if (!(least_weight > 0) || !(half > 0)) return range;
-    double push = 0;
-    double largest = 0;
-    std::size_t last = parts_.size();
-    for (const Bound& b : bounds) {
-        if (b.part != last) push += std::exchange(largest, 0.0);
-        last = b.part;
-        const double own = std::abs(b.a1) + std::abs(b.a2);
-        largest = std::max(largest, b.push * std::max(b.a0 + own - value_lo, value_hi - (b.a0 - own)));
+
+    double off = 0;
+    double slope_off = 0;
+    for (Bound& b : bounds) {
+        b.a0 -= mean[0];
+        b.a1 -= mean[1];
+        b.a2 -= mean[2];
+        const double share = b.here / weight_here;
+        const double most = std::min(1.0, b.most / least_weight);
+        const double moved = (b.push + most * pull) / least_weight;
+        const double change = std::min(moved, std::max(most - share, share - b.least / most_weight));
+        off += change * (std::abs(b.a0) + std::abs(b.a1) + std::abs(b.a2)) + most * b.other;
+        slope_off += change * (std::abs(b.a1) + 2 * std::abs(b.a2)) + most * b.other_slope;
     }
-    push += largest;
-    const double more = half * push / least_weight + kSlack;
-    const double bend = 2 * std::abs(mean.a2);
-    range.slope = Interval((mean.a1 - bend + slope_lo - more) / half, (mean.a1 + bend + slope_hi + more) / half);
+    double push = 0;
+    double varies = 0;
+    for (const Bound& b : bounds) {
+        const double wide = std::abs(b.a1) + std::abs(b.a2);
+        push += b.push_here * b.a0;
+        varies += b.push_varies * (std::abs(b.a0) + wide) + std::abs(b.push_here) * wide + b.push * (b.other + off);
+    }
+    const Interval drift = Interval(push - varies, push + varies) / Interval(least_weight, most_weight);
+    const double more = 2 * std::abs(mean[2]) + slope_off + kSlack;
+    const Interval slope(mean[1] + drift.lo - more, mean[1] + drift.hi + more);  // per half-width
+    const double wide = std::min(std::abs(mean[1]) + std::abs(mean[2]) + off, slope.reach()) + kSlack;
+    range.value = Interval(mean[0] - wide, mean[0] + wide);
+    range.slope = Interval(slope.lo / half, slope.hi / half);
     return range;
 }
 

@@ -63,7 +63,9 @@ using Layers = std::array<std::array<double, 16>, 4>;
     Layers out;
     for (std::size_t layer = 0; layer < 4; ++layer)
         for (std::size_t n = 0; n < 16; ++n)
-            out[layer][n] = b[axis == 0 ? layer + 4 * n : axis == 1 ? 4 * layer + n % 4 + 16 * (n / 4) : n + 16 * layer];
+            out[layer][n] = b[axis == 0   ? layer + 4 * n
+                              : axis == 1 ? 4 * layer + n % 4 + 16 * (n / 4)
+                                          : n + 16 * layer];
     return out;
 }
 
@@ -93,8 +95,8 @@ using Layers = std::array<std::array<double, 16>, 4>;
     return {least_of(least), most_of(most)};
 }
 
-/// The first place at which a polynomial whose control points are at most `most` can reach 0, that is their convex hull;
-/// above 1 where none. The hull's border crosses 0 on the line of two of them.
+/// The first place at which a polynomial whose control points are at most `most` can reach 0, that is their
+/// convex hull; above 1 where none. The hull's border crosses 0 on the line of two of them.
 [[nodiscard]] double first_reach(const std::array<double, 4>& most) {
     if (most[0] >= 0) return 0;
     double first = 2;
@@ -102,7 +104,9 @@ using Layers = std::array<std::array<double, 16>, 4>;
         if (!(most[j] >= 0)) continue;
         for (std::size_t i = 0; i < j; ++i)
             if (most[i] < 0)
-                first = std::min(first, (static_cast<double>(i) + static_cast<double>(j - i) * (most[i] / (most[i] - most[j]))) / 3);
+                first = std::min(first, (static_cast<double>(i) +
+                                         static_cast<double>(j - i) * (most[i] / (most[i] - most[j]))) /
+                                            3);
     }
     return first;
 }
@@ -121,7 +125,8 @@ Tricubic Tricubic::in_cell(const VolumeField::Samples& samples, double isovalue)
     }
     f.rounding = kRounding * largest + nothing;
     constexpr double sixth = 1.0 / 6;
-    static const Matrix kFromSamples{{{0, 1, 0, 0}, {-sixth, 1, sixth, 0}, {0, sixth, 1, -sixth}, {0, 0, 1, 0}}};
+    static const Matrix kFromSamples{
+        {{0, 1, 0, 0}, {-sixth, 1, sixth, 0}, {0, sixth, 1, -sixth}, {0, 0, 1, 0}}};
     for (int axis = 0; axis < 3; ++axis) map_axis(axis, kFromSamples, f.b);
     return f;
 }

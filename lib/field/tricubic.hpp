@@ -1,5 +1,5 @@
-// A polynomial of degree 3 along each axis on a box, by its Bernstein control points: between the least and the largest
-// of them lie all its values (G. Farin, Curves and Surfaces for CAGD, 2002, chapter 6).
+// A polynomial of degree 3 along each axis on a box, by its Bernstein control points: between the least and
+// the largest of them lie all its values (G. Farin, Curves and Surfaces for CAGD, 2002, chapter 6).
 #pragma once
 
 #include <array>
@@ -23,8 +23,8 @@ struct Tricubic {
     /// Contains all first (second) derivatives along an axis, per width of the box.
     [[nodiscard]] Interval slope(int axis) const;
     [[nodiscard]] Interval bend(int axis) const;
-    /// A box, in shares, that holds all zeros; empty where there is none. Outside of it the sign does not change.
-    /// Bézier clipping (T. W. Sederberg, T. Nishita, Curve intersection using Bézier clipping, 1990).
+    /// A box, in shares, that holds all zeros; empty where there is none. Outside of it the sign does not
+    /// change. Bézier clipping (T. W. Sederberg, T. Nishita, Curve intersection using Bézier clipping, 1990).
     [[nodiscard]] Box zeros() const;
 };
 

@@ -14,7 +14,9 @@ struct Axis {
     std::array<double, taps> value, slope, bend;
 };
 
-[[nodiscard]] Axis<2> linear(double t) { return {{1 - t, t}, {-1, 1}, {0, 0}}; }
+[[nodiscard]] Axis<2> linear(double t) {
+    return {{1 - t, t}, {-1, 1}, {0, 0}};
+}
 [[nodiscard]] Axis<4> cubic(double t) {
     const CatmullRomWeights w(t);
     return {w.value, w.slope, w.bend};
@@ -45,8 +47,9 @@ template <std::size_t taps, class Sample>
         }
         jet.value += z.value[k] * slice[0];
         jet.gradient += Vec3(z.value[k] * slice[1], z.value[k] * slice[3], z.slope[k] * slice[0]);
-        const std::array<double, 6> second{z.value[k] * slice[2], z.value[k] * slice[4], z.bend[k] * slice[0],
-                                           z.value[k] * slice[5], z.slope[k] * slice[1], z.slope[k] * slice[3]};
+        const std::array<double, 6> second{z.value[k] * slice[2], z.value[k] * slice[4],
+                                           z.bend[k] * slice[0],  z.value[k] * slice[5],
+                                           z.slope[k] * slice[1], z.slope[k] * slice[3]};
         for (std::size_t n = 0; n < 6; ++n) jet.hessian[n] += second[n];
     }
     return jet;
@@ -93,7 +96,8 @@ VolumeField::Samples VolumeField::samples_around(const std::array<int, 3>& cell)
     if (is_inside(cell)) {
         for (int k = -1; k < 3; ++k)
             for (int j = -1; j < 3; ++j, n += 4)
-                std::memcpy(&out[n], &grid_->values[grid_->index(cell[0] - 1, cell[1] + j, cell[2] + k)], 4 * sizeof(float));
+                std::memcpy(&out[n], &grid_->values[grid_->index(cell[0] - 1, cell[1] + j, cell[2] + k)],
+                            4 * sizeof(float));
         return out;
     }
     // Where the four samples of an axis stand; the outer ones may be continued from two.
@@ -182,8 +186,9 @@ FieldJet VolumeField::jet(const Vec3& p, double less) const {
         });
     }
     const auto corners = corners_of(cell, less);
-    return tensor_jet<2>(linear(x), linear(y), linear(z),
-                         [&](std::size_t i, std::size_t j, std::size_t k) { return corners[i + 2 * j + 4 * k]; });
+    return tensor_jet<2>(linear(x), linear(y), linear(z), [&](std::size_t i, std::size_t j, std::size_t k) {
+        return corners[i + 2 * j + 4 * k];
+    });
 }
 
 double catmull_rom_sum(const VolumeField::Samples& samples, double less, const std::array<double, 4>& x,

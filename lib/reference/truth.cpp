@@ -1,6 +1,7 @@
 #include "reference/truth.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <functional>
 #include <limits>
@@ -12,6 +13,7 @@
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
 #include "reference/ray_scene.hpp"
+#include "reference/volume_rays.hpp"
 #include "sample/particle_source.hpp"
 #include "scene/shading.hpp"
 
@@ -32,6 +34,23 @@ constexpr double kOpaque = 1e-9;
 /// Depths closer than this share of themselves and of the eye's coordinates are equal: rounding of the same place, told
 /// twice.
 constexpr double kCoincident = 1e-13;
+
+/// Rays through volumes err by at most this share of the standard error that is asked for, …
+constexpr double kVolumeShare = 1.0 / 20;
+/// … and no more than this.
+constexpr double kVolumeError = 1e-4;
+/// Volumes are pooled in layers of at most this optical depth: within one, what lies in front of what is not known.
+constexpr double kPooledDepth = 0.05;
+
+[[nodiscard]] VolumeRaySettings volume_settings(const TruthSettings& settings) {
+    VolumeRaySettings s;
+    s.tolerance = std::clamp(kVolumeShare * settings.max_error, 1e-9, kVolumeError);
+    if (settings.filter == PixelFilter::particle) {
+        s.most_opacity = kMostParticleOpacity;
+        s.most_optical_depth = kPooledDepth;
+    }
+    return s;
+}
 
 struct Rgba {
     double c[4]{};
@@ -77,7 +96,7 @@ struct Signature {
 class PixelTracer {
 public:
     PixelTracer(const PreparedScene& scene, const RayScene& ray_scene, const TruthSettings& settings)
-        : scene_(scene), ray_scene_(ray_scene), settings_(settings) {}
+        : scene_(scene), ray_scene_(ray_scene), settings_(settings), volumes_(scene, volume_settings(settings)) {}
 
     /// Everything about one pixel from kSets sets of strata × strata sub-rays. A pilot has sub-rays of its own:
     /// an estimate that decided when to stop is too small, so it is never the one that is kept.
@@ -165,27 +184,29 @@ private:
         const double eye = std::max({std::abs(ray.origin.x), std::abs(ray.origin.y), std::abs(ray.origin.z)}) / ray_length;
         std::uint64_t objects = 0;
         for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
-        signature.add(objects, static_cast<std::uint32_t>(list.size()));
         double clear = 1;
         Rgba sum;
+        if (volumes_.has_volumes()) volumes_.start(ray);
         for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
             // Crossings at one depth are mixed, whatever their order.
             std::size_t end = i + 1;
             while (end < list.size() && list[end].t - list[i].t <= kCoincident * (list[i].t + eye)) ++end;
+            if (volumes_.has_volumes()) add_volumes(list[i].t, set, clear, sum);
             mixed_.clear();
             for (; i < end; ++i) {
                 const RayHit& hit = list[i];
                 const Object& object = scene_.objects[hit.object];
-                if (object.surface.opacity == 0) continue;
+                const Vec3 point = ray.origin + hit.t * ray.direction;
+                const double share = object.geometry->opacity_at(point);
+                if (object.surface.opacity * share == 0) continue;
                 nearest_ = std::min(nearest_, hit.t);
                 const double cosine =
                     std::max(std::abs(dot(hit.normal, ray.direction)) / (length(hit.normal) * ray_length), 1e-12);
-                const Vec3 point = ray.origin + hit.t * ray.direction;
                 const Vec3 color = shade(scene_, object, point, object.geometry->shading_normal(hit.patch, point, hit.normal));
                 if (settings_.filter == PixelFilter::particle) {
-                    pool_.push_back({hit.t, object.optical_depth(cosine, kMostParticleOpacity), color, set});
+                    pool_.push_back({hit.t, object.optical_depth(cosine, kMostParticleOpacity, share), color, set});
                 } else {
-                    mixed_.push_back({object.opacity(cosine), color});
+                    mixed_.push_back({object.opacity(cosine, share), color});
                 }
             }
             double passes = 1;
@@ -197,10 +218,35 @@ private:
             sum.c[3] += clear * (1 - passes);
             clear *= passes;
         }
+        std::uint32_t met = 0;
+        if (volumes_.has_volumes()) {
+            if (clear >= kOpaque) add_volumes(kInfinity, set, clear, sum);
+            // Their bits behind those of the surfaces, round the end of the 64.
+            objects |= std::rotl(volumes_.met(), static_cast<int>(scene_.objects.size() & 63U));
+            met = static_cast<std::uint32_t>(std::popcount(volumes_.met()));
+        }
+        signature.add(objects, static_cast<std::uint32_t>(list.size()) + met);
         StratumSums& sums = strata_sums_[static_cast<std::size_t>(stratum)];
         for (std::size_t c = 0; c < 4; ++c) {
             sums.value[c] += sum.c[c];
             sums.square[c] += sum.c[c] * sum.c[c];
+        }
+    }
+
+    /// What volumes hold from the last place of the ray up to depth t.
+    void add_volumes(double t, int set, double& clear, Rgba& sum) {
+        layers_.clear();
+        volumes_.advance(t, clear, kOpaque, layers_);
+        for (const VolumeLayer& layer : layers_) {
+            nearest_ = std::min(nearest_, layer.t);
+            if (settings_.filter == PixelFilter::particle) {
+                pool_.push_back({layer.t, layer.optical_depth, layer.color, set});
+                continue;
+            }
+            const double weight = -clear * std::expm1(-layer.optical_depth);
+            for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
+            sum.c[3] += weight;
+            clear *= std::exp(-layer.optical_depth);
         }
     }
 
@@ -292,6 +338,8 @@ private:
     const PreparedScene& scene_;
     const RayScene& ray_scene_;
     const TruthSettings& settings_;
+    VolumeRay volumes_;
+    std::vector<VolumeLayer> layers_;
     int stream_ = 0;
     PacketHits found_;
     std::vector<PooledLayer> pool_;

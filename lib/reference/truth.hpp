@@ -1,4 +1,5 @@
-// The ray-traced truth: every crossing of every ray, in order, composited front to back.
+// The ray-traced truth: every crossing of every ray, in order, composited front to back, and between crossings what
+// volumes emit and absorb (volume_rays.hpp; its error is below 1/20 of max_error, and below 1e-4).
 #pragma once
 
 #include <cstdint>
@@ -17,7 +18,7 @@ enum class PixelFilter {
     box,
     /// What particle rendering converges to: a particle covers its whole pixel wherever in it it lands, so
     /// optical depth is averaged over the pixel, not opacity. The hits of all sub-rays are pooled, sorted
-    /// by depth, each given 1/n of its optical depth −ln(1−α), and composited.
+    /// by depth, each given 1/n of its optical depth −ln(1−α), and composited. Volumes enter as many thin layers.
     particle,
 };
 

@@ -24,12 +24,11 @@ void require_drawable(const Method& method, const Scene& scene) {
         throw input_error("{}: method {} cannot draw {}", scene.source, method.name, *why);
 }
 
-std::optional<std::string> refusal_of_surface_methods(const Scene& scene) {
-    for (const Volume& volume : scene.volumes) return fmt::format("volume \"{}\": it draws surfaces only", volume.name);
+std::optional<std::string> refusal_of_ray_and_particle_methods(const Scene& scene) {
     for (const Surface& surface : scene.surfaces) {
         if (!has_geometry(surface.shape))
             return fmt::format(
-                "surface \"{}\": of the kinds it draws implicit, expression, mesh, points, rectangle and isosurface", surface.name);
+                "surface \"{}\": it draws every kind but isosurfaces with interpolation = \"nearest\"", surface.name);
         if (!surface.contours.empty()) return fmt::format("surface \"{}\": it has contours", surface.name);
     }
     return std::nullopt;

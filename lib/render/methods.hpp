@@ -8,7 +8,7 @@ namespace pellucid {
 [[nodiscard]] Method particles_method();
 [[nodiscard]] Method reference_method();
 
-/// The refusal shared by methods that draw every surface with a geometry, and no volume.
-[[nodiscard]] std::optional<std::string> refusal_of_surface_methods(const Scene& scene);
+/// The refusal shared by methods that draw every surface with a geometry, and volumes.
+[[nodiscard]] std::optional<std::string> refusal_of_ray_and_particle_methods(const Scene& scene);
 
 }  // namespace pellucid

@@ -206,6 +206,11 @@ private:
     std::vector<std::uint32_t> repeats_, groups_;
 };
 
+void warn_of_opacity(const char* kind, const std::string& name, double opacity) {
+    if (opacity > kMostParticleOpacity)
+        warn("{} \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many", kind, name, opacity);
+}
+
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
     const Sources sources = make_sources(input.scene, settings.kind, settings.source);
@@ -329,7 +334,7 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
 Method particles_method() {
     return {
         "particles",
-        "opaque particles, ensemble mean (PBSR): implicit, expression, mesh, rectangle, trilinear isosurface; no volumes",
+        "opaque particles, ensemble mean (PBSR, PBVR): implicit, expression, mesh, rectangle, isosurface, slice; volumes",
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
@@ -359,7 +364,7 @@ Method particles_method() {
              "law of a repeat's trials: \"poisson\" or \"binomial\" (a fixed number)"},
             {"particles.memory_mib", "1024", "particles held at a time"},
         },
-        refusal_of_surface_methods,
+        refusal_of_ray_and_particle_methods,
         [](const RenderInput& input) { (void)read_settings(input); },
         plan_particles,
         [](const RenderInput& input, RenderStats& stats) {
@@ -368,10 +373,9 @@ Method particles_method() {
                 warn("--max-error takes repeats for independent, which those of particles.lines = \"fast\" "
                      "are not quite: the error may be larger");
             for (const Object& object : input.scene.objects)
-                if (object.surface.opacity > kMostParticleOpacity)
-                    warn("surface \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely "
-                         "many",
-                         object.surface.name, object.surface.opacity);
+                warn_of_opacity("surface", object.surface.name, object.surface.opacity * object.geometry->most_opacity());
+            for (const VolumeObject& volume : input.scene.volumes)
+                warn_of_opacity("volume", volume.settings().name, volume.most_opacity());
             EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);
             Image image = mean_image(input.scene, sums, stats);
             if (input.shard)

@@ -31,7 +31,7 @@ namespace {
     const std::int64_t planes = settings.filter == PixelFilter::particle ? 13 : 9;
     // Embree's own estimate of a BVH is about 100 bytes a primitive at medium quality.
     return {
-        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", input.scene.objects.size())},
+        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", input.scene.object_count())},
         {"build ray scene", 0, static_cast<std::int64_t>(100 * patches), fmt::format("{} patches", patches)},
         {"trace", 0, 0,
          settings.samples
@@ -46,14 +46,14 @@ namespace {
 Method reference_method() {
     return {
         "reference",
-        "ray-traced truth, all crossings in order: implicit, expression, mesh, rectangle, trilinear isosurface; no volumes",
+        "ray-traced truth, all crossings in order: implicit, expression, mesh, rectangle, isosurface, slice; volumes",
         {
             {"reference.filter", "\"box\"", "\"box\": mean over the pixel; \"particle\": what particles converge to"},
             {"reference.max_error", "0.002", "standard error to reach in every channel (also --max-error)"},
             {"reference.max_samples", "4096", "most sub-rays a pixel; the first estimate takes 64"},
             {"reference.samples", "none", "exactly 16, 64, 256, … sub-rays in every pixel, whatever the error"},
         },
-        refusal_of_surface_methods,
+        refusal_of_ray_and_particle_methods,
         [](const RenderInput& input) { (void)read_settings(input); },
         plan_reference,
         [](const RenderInput& input, RenderStats& stats) {

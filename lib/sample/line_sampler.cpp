@@ -5,6 +5,8 @@
 #include <cmath>
 
 #include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "scene/shading.hpp"
 
 namespace pellucid {
 namespace {
@@ -192,7 +194,7 @@ struct LineSampler::Doubts {
 std::string LineSampler::label() const { return fmt::format("surface \"{}\"", object_->surface.name); }
 
 double LineSampler::optical_depth() const {
-    return -std::log1p(-std::min(object_->surface.opacity, kMostParticleOpacity));
+    return object_->optical_depth(1, kMostParticleOpacity, object_->geometry->most_opacity());
 }
 
 IsolationStats LineSampler::isolation() const {
@@ -212,10 +214,12 @@ struct LineSampler::Weights {
     std::array<std::vector<double>, SurfaceCells::kMostRoots + 1> field_line_weights;
 };
 
-LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id)
+LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id, std::span<const Light> lights)
     : object_(&object),
       camera_(&camera),
       object_id_(object_id),
+      lights_(lights),
+      brightest_(object.geometry->painted() ? brightest_color(lights, object) : Vec3(0.0)),
       clipped_(!object.surface.clip.empty() ||
                (object.surface.bounds && !object.bounds_are_geometry())) {
     doubts_ = std::make_shared<Doubts>();
@@ -458,9 +462,16 @@ void LineSampler::add_blocks(Kind kind, int axis, int labels, std::size_t offset
 /// Adds what can be seen of a formula's cells.
 void LineSampler::add_fields(const SurfaceCells& cells, Weights& weights) {
     if (cells.formula() != nullptr) programs_ = std::make_shared<FieldPrograms>(*cells.formula());
-    for (std::size_t i = 0; i < cells.count(); ++i) {
-        const SurfaceCell cell = cells.cell(i);
-        virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(i), cell, cell.tight, 0, weights);
+    // What cells say of themselves may have to be found first: by all threads, some at a time.
+    constexpr std::size_t kAtOnce = std::size_t{1} << 16U;
+    std::vector<SurfaceCell> some;
+    for (std::size_t first = 0; first < cells.count(); first += kAtOnce) {
+        some.resize(std::min(kAtOnce, cells.count() - first));
+        parallel_for(some.size(), 256, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) some[i] = cells.cell(first + i);
+        });
+        for (std::size_t i = 0; i < some.size(); ++i)
+            virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(first + i), some[i], some[i].tight, 0, weights);
     }
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::size_t offset = fields_.size();
@@ -627,7 +638,7 @@ FieldBlock LineSampler::field_block(const Block& block) const {
 
 /// The point that a kernel has kept, unless it is clipped away.
 std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::uint32_t piece,
-                                                      const LinePoint& found) const {
+                                                      const LinePoint& found, std::uint32_t choice) const {
     const Vec3 view = vector(found.view);
     if (gives_object_points(block)) {
         if (clipped_ && !object_->keeps(to_world_.point(vector(found.place)))) return std::nullopt;
@@ -646,9 +657,10 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
     Vec3 normal = cross(edges[0], edges[1]);
     const TriangleMesh* mesh = object_->geometry->mesh();
     const bool smooth = mesh != nullptr && !mesh->normals.empty();
-    if (clipped_ || (smooth && flat.part >= 0)) {
+    if (clipped_ || painted() || (smooth && flat.part >= 0)) {
         const Vec3 world = position(0) + u * edges[0] + v * edges[1];
         if (clipped_ && !object_->keeps(world)) return std::nullopt;
+        if (painted()) return paint(view, world, normal, choice);
         if (smooth && flat.part >= 0)
             normal = object_->geometry->shading_normal(own_patches_[flat.triangle], world, normal);
     }
@@ -658,6 +670,16 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
         if (shading != Vec3(0.0)) normal = shading;  // normals of the file may cancel; only zero is unusable
     }
     return Point{view, camera_->view_vector(normal)};
+}
+
+/// Kept with τ(x)/τ, and shaded.
+std::optional<LineSampler::Point> LineSampler::paint(const Vec3& view, const Vec3& world, const Vec3& normal,
+                                                     std::uint32_t choice) const {
+    const SurfaceGeometry& geometry = *object_->geometry;
+    const double own = object_->optical_depth(1, kMostParticleOpacity, geometry.opacity_at(world));
+    if (!(unit_interval(choice) * optical_depth() < own)) return std::nullopt;
+    const Vec3 color = shade(*camera_, lights_, object_->surface.shading, geometry.color(world), world, normal);
+    return Point{view, share_of(color, brightest_)};
 }
 
 std::span<const FieldRoot> LineSampler::field_roots(const FieldLines& lines, int labels, double u, double v,
@@ -692,7 +714,7 @@ std::optional<LineSampler::Point> LineSampler::keep_field_root(const Block& bloc
     LinePoint found;
     if (!keep_crossing(view_, triple(place), triple(root.gradient), lines.reach, lines.piece.bound, chance, found))
         return std::nullopt;
-    return finish(block, 0, found);
+    return finish(block, 0, found, 0);
 }
 
 std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, const Bits& bits) const {
@@ -726,7 +748,7 @@ std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, cons
         }
         case Kind::lines: return shoot_and_keep(pieces_[block.first + piece], bits);
     }
-    return kept ? finish(block, piece, found) : std::nullopt;
+    return kept ? finish(block, piece, found, bits.choice()) : std::nullopt;
 }
 
 std::optional<LineSampler::Point> LineSampler::trial(Seed seed, std::uint32_t repeat,
@@ -743,7 +765,8 @@ std::optional<LineSampler::Point> LineSampler::trial_in_block(std::size_t block,
                     Bits(seed, object_id_, repeat, (static_cast<std::uint64_t>(block) << 32U) | index));
 }
 
-void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const {
+void LineSampler::finish_chunk(const Block& block, const LineWords& words, const PointChunk& chunk,
+                               std::vector<Point>& out) const {
     const bool ready = !clipped_ && gives_object_points(block);
     for (std::size_t i = 0; i < chunk.count; ++i) {
         const auto at = [&](const double(&lanes)[3][kChunkRoom]) {
@@ -752,7 +775,8 @@ void LineSampler::finish_chunk(const Block& block, const PointChunk& chunk, std:
         if (ready) {
             out.push_back({vector(at(chunk.view)), vector(at(chunk.normal))});
         } else if (const auto point = finish(block, static_cast<std::uint32_t>(chunk.piece[i]),
-                                             {at(chunk.view), at(chunk.normal), at(chunk.place)})) {
+                                             {at(chunk.view), at(chunk.normal), at(chunk.place)},
+                                             static_cast<std::uint32_t>(words.choice[chunk.line[i]]))) {
             out.push_back(*point);
         }
     }
@@ -781,7 +805,7 @@ void LineSampler::trials_in_block(std::size_t block, Seed seed, std::uint32_t re
         } else {
             throw_flats(flat_view_, flat_block(b), words, n, chunk);
         }
-        finish_chunk(b, chunk, out);
+        finish_chunk(b, words, chunk, out);
         done += n;
     }
 }

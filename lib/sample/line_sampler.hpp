@@ -51,7 +51,8 @@ public:
     /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
     /// pieces over which s varies much are cut smaller where that saves trials. `object_id` keys the random
     /// numbers. The object must outlive the sampler.
-    LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id);
+    ///   lights  must outlive it, too; asked for by objects that are painted only
+    LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id, std::span<const Light> lights = {});
 
     /// V above; 0 where nothing can be seen.
     [[nodiscard]] double virtual_pixels() const override { return virtual_pixels_; }
@@ -63,6 +64,7 @@ public:
     [[nodiscard]] std::uint32_t object_id() const override { return object_id_; }
     [[nodiscard]] std::string label() const override;
     [[nodiscard]] double optical_depth() const override;
+    [[nodiscard]] bool painted() const override { return object_->geometry->painted(); }
 
     /// What fields could not decide so far; crossings beyond K count as undecided.
     [[nodiscard]] IsolationStats isolation() const override;
@@ -144,8 +146,11 @@ private:
     [[nodiscard]] const AliasTable* table(const Block& block) const {
         return block.kind == Kind::box ? nullptr : &block.table;
     }
-    [[nodiscard]] std::optional<Point> finish(const Block& block, std::uint32_t piece,
-                                              const LinePoint& found) const;
+    /// `choice`: 32 random bits that nothing else of the trial depends on.
+    [[nodiscard]] std::optional<Point> finish(const Block& block, std::uint32_t piece, const LinePoint& found,
+                                              std::uint32_t choice) const;
+    [[nodiscard]] std::optional<Point> paint(const Vec3& view, const Vec3& world, const Vec3& normal,
+                                             std::uint32_t choice) const;
     [[nodiscard]] std::optional<Point> trial_on(const Block& block, const Bits& bits) const;
     /// Roots of the line through `place`, which is set on the face across the piece's axis; they hold until the next call.
     [[nodiscard]] std::span<const FieldRoot> field_roots(const FieldLines& piece, int labels, double u,
@@ -156,11 +161,13 @@ private:
     [[nodiscard]] std::optional<Point> shoot_and_keep(const Piece& piece, const Bits& bits) const;
     [[nodiscard]] std::optional<Point> keep(std::uint32_t patch, const Crossing& hit, const Vec3& world,
                                             double least_area, double chance) const;
-    void finish_chunk(const Block& block, const PointChunk& chunk, std::vector<Point>& out) const;
+    void finish_chunk(const Block& block, const LineWords& words, const PointChunk& chunk, std::vector<Point>& out) const;
 
     const Object* object_;
     const Camera* camera_;
     std::uint32_t object_id_;
+    std::span<const Light> lights_;
+    Vec3 brightest_{0.0};  // of painted objects
     double virtual_pixels_ = 0;
     bool clipped_ = false;  // points must be asked for Object::keeps
     Affine to_world_;       // from the space in which edges are axes

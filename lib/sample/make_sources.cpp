@@ -3,6 +3,7 @@
 #include <cmath>
 
 #include "sample/mesh_sampler.hpp"
+#include "sample/volume_source.hpp"
 
 namespace pellucid {
 
@@ -31,13 +32,14 @@ namespace {
         case SamplerKind::stratified: break;
         case SamplerKind::brownian: return std::make_unique<BrownianSource>(object, camera, id, settings.walk);
         case SamplerKind::mesh:
-            if (object.geometry->mesh() != nullptr) break;  // triangles already, which lines take as they are
+            // Meshes, rectangles and slices are flat already: lines take them as they are.
+            if (!object.geometry->field_surface()) break;
             return std::make_unique<MeshSampler>(
                 object, tessellate(object, mesh_cells(object, camera, settings)).mesh, camera, id);
         case SamplerKind::octree:
             return std::make_unique<MeshSampler>(object, octree_triangles(object, settings.octree_cells).mesh, camera, id);
     }
-    return std::make_unique<LineSampler>(object, camera, id);
+    return std::make_unique<LineSampler>(object, camera, id, scene.settings.lights);
 }
 
 }  // namespace
@@ -46,11 +48,12 @@ Sources make_sources(const PreparedScene& scene, SamplerKind kind, const SourceS
     Sources sources;
     for (std::size_t i = 0; i < scene.objects.size(); ++i) {
         const Object& object = scene.objects[i];
-        auto source = make_source(object, scene.camera, static_cast<std::uint32_t>(i), kind, settings);
+        auto source = make_source(scene, static_cast<std::uint32_t>(i), kind, settings);
         if (settings.counting_spheres)
             source = counted_source(std::move(source), object, scene.camera, settings.counting, settings.seed);
         sources.push_back(std::move(source));
     }
+    for (std::size_t i = 0; i < scene.volumes.size(); ++i) sources.push_back(std::make_unique<VolumeSource>(scene, i));
     return sources;
 }
 
@@ -58,7 +61,7 @@ std::vector<LineSampler> make_samplers(const PreparedScene& scene) {
     std::vector<LineSampler> samplers;
     samplers.reserve(scene.objects.size());
     for (std::size_t i = 0; i < scene.objects.size(); ++i)
-        samplers.emplace_back(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i));
+        samplers.emplace_back(scene.objects[i], scene.camera, static_cast<std::uint32_t>(i), scene.settings.lights);
     return samplers;
 }
 

@@ -14,8 +14,8 @@ Body PlacedCells::body(const Box& box) const {
 
 int PlacedCells::crossings(std::size_t cell, const Line& line, CrossingList& out) const {
     out.hits.clear();
-    // Affine maps keep t. From the place nearest to the middle, which one rounding finds: however far away the
-    // line starts, the numbers below are as small as the surface.
+    // Affine maps keep t. From the place nearest to the middle, which one rounding finds: however far away
+    // the line starts, the numbers below are as small as the surface.
     const Vec3 origin = to_object.point(line.origin);
     const Vec3 direction = to_object.vector(line.direction);
     const double middle = dot(center - origin, direction) / dot(direction, direction);

@@ -44,8 +44,7 @@ Vec3 SurfaceGeometry::color(const Vec3&) const { return Vec3(0.0); }
 bool has_geometry(const Shape& shape) {
     if (const auto* iso = std::get_if<IsosurfaceShape>(&shape))
         return iso->interpolation != Interpolation::nearest;
-    return std::holds_alternative<ImplicitShape>(shape) || std::holds_alternative<ExpressionShape>(shape) || std::holds_alternative<MeshShape>(shape) ||
-           std::holds_alternative<RectangleShape>(shape) || std::holds_alternative<PointsShape>(shape);
+    return true;
 }
 
 std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface) {
@@ -61,6 +60,7 @@ std::unique_ptr<SurfaceGeometry> make_geometry(const Surface& surface) {
         if (const auto* shape = std::get_if<IsosurfaceShape>(&surface.shape))
             return make_isosurface(surface, *shape);
         if (const auto* shape = std::get_if<PointsShape>(&surface.shape)) return make_points(surface, *shape);
+        if (const auto* shape = std::get_if<SliceShape>(&surface.shape)) return make_slice(surface, *shape);
         return nullptr;  // not reached
     };
     try {

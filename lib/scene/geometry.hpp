@@ -4,6 +4,7 @@
 // triangle or parallelogram, or a parallelepiped) and meets a line at most `max_crossings` times:
 //   mesh       a triangle a patch          flat body    1 crossing
 //   rectangle  one patch                   flat body    1
+//   slice      one patch                   flat body    1
 //   implicit   one patch, its bounds       box          1, 2 or 4
 //   isosurface a cell of the grid a patch  cell         3 (a trilinear field is a cubic on a line)
 //   … Catmull-Rom, a cell or part of one   box          9, most 1 along an axis
@@ -120,8 +121,15 @@ public:
     [[nodiscard]] virtual Vec3 shading_normal(std::size_t patch, const Vec3& point,
                                               const Vec3& geometric) const;
     [[nodiscard]] virtual Box bounds() const = 0;
-    /// Colour that replaces the surface's own, linear: rectangles with an image.
+    /// Colour that replaces the surface's own, linear: rectangles with an image, slices.
     [[nodiscard]] virtual bool has_color() const { return false; }
+    /// Largest of each channel of it.
+    [[nodiscard]] virtual Vec3 brightest() const { return Vec3(1.0); }
+    /// Share of the surface's opacity that counts at a point, [0, 1]: of slices; and the largest of all.
+    [[nodiscard]] virtual double opacity_at(const Vec3&) const { return 1; }
+    [[nodiscard]] virtual double most_opacity() const { return 1; }
+    /// True where particles must carry their colour, and opacity_at is not 1 all over.
+    [[nodiscard]] virtual bool painted() const { return false; }
     [[nodiscard]] virtual std::optional<SurfaceTexture> texture() const { return std::nullopt; }
     [[nodiscard]] virtual Vec3 color(const Vec3& point) const;
     /// The triangles in world space, where the patches are triangles.
@@ -130,7 +138,7 @@ public:
     [[nodiscard]] virtual std::size_t bytes() const = 0;
 };
 
-/// True where this program can turn the shape into geometry (all but slices and isosurfaces of "nearest").
+/// True where this program can turn the shape into geometry (all but isosurfaces of "nearest").
 [[nodiscard]] bool has_geometry(const Shape& shape);
 
 /// Reads files and builds the geometry of one surface. Throws Error(input) naming surface and file.

@@ -25,7 +25,9 @@ public:
 
     [[nodiscard]] std::size_t patch_count() const override { return cells_.count(); }
     [[nodiscard]] int max_crossings() const override { return 9; }
-    [[nodiscard]] Body body(std::size_t patch) const override { return placed_.body(cells_.cell(patch).tight); }
+    [[nodiscard]] Body body(std::size_t patch) const override {
+        return placed_.body(cells_.cell(patch).tight);
+    }
     int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
         return placed_.crossings(patch, line, out);
     }

@@ -14,6 +14,7 @@ namespace pellucid {
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_mesh(const Surface& surface, const MeshShape& shape);
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_rectangle(const Surface& surface, const RectangleShape& shape);
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_points(const Surface& surface, const PointsShape& shape);
+[[nodiscard]] std::unique_ptr<SurfaceGeometry> make_slice(const Surface& surface, const SliceShape& shape);
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_isosurface(const Surface& surface, const IsosurfaceShape& shape);
 /// Part of make_isosurface.
 [[nodiscard]] std::unique_ptr<SurfaceGeometry> make_catmull_rom(std::shared_ptr<const VoxelGrid> grid, double isovalue,

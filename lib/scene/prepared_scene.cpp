@@ -18,59 +18,71 @@ bool Object::keeps(const Vec3& world) const {
     return true;
 }
 
-double Object::opacity(double cos_theta) const {
-    if (surface.opacity_law == OpacityLaw::constant || surface.opacity == 1) return surface.opacity;
-    return -std::expm1(std::log1p(-surface.opacity) / cos_theta);
+double Object::opacity(double cos_theta, double share) const {
+    const double straight_on = surface.opacity * share;
+    if (surface.opacity_law == OpacityLaw::constant || straight_on == 1) return straight_on;
+    return -std::expm1(std::log1p(-straight_on) / cos_theta);
 }
 
-double Object::optical_depth(double cos_theta, double most_opacity) const {
-    const double straight_on = -std::log1p(-std::min(surface.opacity, most_opacity));
+double Object::optical_depth(double cos_theta, double most_opacity, double share) const {
+    const double straight_on = -std::log1p(-std::min(surface.opacity * share, most_opacity));
     return surface.opacity_law == OpacityLaw::oblique ? straight_on / cos_theta : straight_on;
 }
 
 std::size_t PreparedScene::bytes() const {
     std::size_t sum = 0;
     for (const Object& object : objects) sum += object.geometry->bytes();
+    for (const VolumeObject& volume : volumes) sum += volume.bytes();
     return sum;
 }
 
 namespace {
 
 /// Warns of what is in front of the eye, and yet before the least near plane that the scene's size allows.
-void warn_of_cut_objects(const Scene& scene, const std::vector<Object>& objects, const Camera& camera) {
-    for (const Object& object : objects) {
-        if (object.geometry->patch_count() == 0) continue;
-        const Box box = object.geometry->bounds();
-        double nearest = kInfinity;
-        for (int i = 0; i < 8; ++i) {
-            const Vec3 corner((i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
-                              (i & 4) != 0 ? box.hi.z : box.lo.z);
-            nearest = std::min(nearest, camera.to_view(corner).z);
-        }
-        if (nearest > std::max(0.0, scene.camera.near.value_or(0)) && nearest < camera.near())
-            warn("surface \"{}\": cut off nearer than {:.3g}: 1e-9 of the scene's size is the least near",
-                 object.surface.name, camera.near());
+void warn_if_cut(const Scene& scene, const Camera& camera, const Box& box, const std::string& label) {
+    if (box.empty()) return;
+    double nearest = kInfinity;
+    for (int i = 0; i < 8; ++i) {
+        const Vec3 corner((i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
+                          (i & 4) != 0 ? box.hi.z : box.lo.z);
+        nearest = std::min(nearest, camera.to_view(corner).z);
     }
+    if (nearest > std::max(0.0, scene.camera.near.value_or(0)) && nearest < camera.near())
+        warn("{}: cut off nearer than {:.3g}: 1e-9 of the scene's size is the least near", label, camera.near());
+}
+
+[[nodiscard]] Box bounds_of(const Object& object) {
+    return object.geometry->patch_count() > 0 ? object.geometry->bounds() : Box();
+}
+
+/// Makes room for one object more. Squares of lengths must stay within doubles.
+void include(Box& visible, const Box& box, const Scene& scene, const std::string& label) {
+    if (!box.empty()) visible.include(box);
+    const double reach = visible.empty() ? 1 : std::max(length(visible.size()), length(visible.center()));
+    if (!(reach < 1e100 && (visible.empty() || length(visible.size()) > 1e-100)))
+        throw input_error("{}: {} makes the scene {:.3g} large, expected 1e-100 to 1e100", scene.source, label,
+                          length(visible.size()));
 }
 
 }  // namespace
 
 PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
+    const auto label = [](const auto& settings, const char* kind) { return fmt::format("{} \"{}\"", kind, settings.name); };
     std::vector<Object> objects;
+    std::vector<VolumeObject> volumes;
     Box visible;
     for (const Surface& surface : scene.surfaces) {
         objects.push_back({surface, make_geometry(surface), surface.to_world.inverse()});
-        if (objects.back().geometry->patch_count() > 0) visible.include(objects.back().geometry->bounds());
-        // Squares of lengths must stay within doubles.
-        const Box& box = visible;
-        const double reach = box.empty() ? 1 : std::max(length(box.size()), length(box.center()));
-        if (!(reach < 1e100 && (box.empty() || length(box.size()) > 1e-100)))
-            throw input_error("{}: surface \"{}\" makes the scene {:.3g} large, expected 1e-100 to 1e100", scene.source,
-                              surface.name, length(box.size()));
+        include(visible, bounds_of(objects.back()), scene, label(surface, "surface"));
+    }
+    for (const Volume& volume : scene.volumes) {
+        volumes.emplace_back(volume);
+        include(visible, volumes.back().bounds(), scene, label(volume, "volume"));
     }
     const Camera camera(scene.camera, scene.image, visible, crop);
-    warn_of_cut_objects(scene, objects, camera);
-    return {scene, std::move(objects), camera};
+    for (const Object& object : objects) warn_if_cut(scene, camera, bounds_of(object), label(object.surface, "surface"));
+    for (const VolumeObject& volume : volumes) warn_if_cut(scene, camera, volume.bounds(), label(volume.settings(), "volume"));
+    return {scene, std::move(objects), std::move(volumes), camera};
 }
 
 }  // namespace pellucid

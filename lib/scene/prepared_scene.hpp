@@ -7,6 +7,7 @@
 #include "scene/camera.hpp"
 #include "scene/geometry.hpp"
 #include "scene/scene.hpp"
+#include "scene/volume_object.hpp"
 
 namespace pellucid {
 
@@ -23,16 +24,19 @@ struct Object {
     /// False where a clip plane or the surface's bounds cut the point away.
     [[nodiscard]] bool keeps(const Vec3& world) const;
     /// Opacity of one crossing under angle θ by the surface's law; `cos_theta` = |cosθ| in (0, 1].
-    [[nodiscard]] double opacity(double cos_theta) const;
+    ///   share  of the surface's own opacity, at this place: SurfaceGeometry::opacity_at
+    [[nodiscard]] double opacity(double cos_theta, double share = 1) const;
     /// −ln(1 − opacity(cos_theta)), with the straight-on opacity taken as at most `most_opacity` < 1.
-    [[nodiscard]] double optical_depth(double cos_theta, double most_opacity) const;
+    [[nodiscard]] double optical_depth(double cos_theta, double most_opacity, double share = 1) const;
 };
 
 struct PreparedScene {
     Scene settings;
-    std::vector<Object> objects;
+    std::vector<Object> objects;        // surfaces, …
+    std::vector<VolumeObject> volumes;  // … and objects.size() + i is the number of volume i among all
     Camera camera;
 
+    [[nodiscard]] std::size_t object_count() const { return objects.size() + volumes.size(); }
     [[nodiscard]] std::size_t bytes() const;
 };
 

@@ -15,13 +15,17 @@ namespace {
 
 Vec3 shade(const PreparedScene& scene, const Object& object, const Vec3& world, const Vec3& normal) {
     const Vec3 color = object.geometry->has_color() ? object.geometry->color(world) : object.surface.color;
-    const Shading& s = object.surface.shading;
+    return shade(scene.camera, scene.settings.lights, object.surface.shading, color, world, normal);
+}
+
+Vec3 shade(const Camera& camera, std::span<const Light> lights, const Shading& s, const Vec3& color, const Vec3& world,
+           const Vec3& normal) {
     if (s.flat) return color;
 
-    const twin::Vec3f to_viewer = narrow(-normalize(scene.camera.ray_direction(world)));
+    const twin::Vec3f to_viewer = narrow(-normalize(camera.ray_direction(world)));
     const twin::Vec3f n = twin::turned_to(narrow(normalize(normal)), to_viewer);
     twin::LightSums sums{0, 0};
-    for (const Light& light : scene.settings.lights) {
+    for (const Light& light : lights) {
         const twin::Vec3f to_light = light.headlight ? to_viewer : narrow(light.direction);
         sums = twin::add_light(sums, n, to_viewer, to_light, static_cast<float>(light.intensity),
                                static_cast<float>(s.shininess));
@@ -34,17 +38,52 @@ Vec3 shade(const PreparedScene& scene, const Object& object, const Vec3& world, 
     return shaded;
 }
 
-double brightest_color(const PreparedScene& scene) {
+Vec3 shade(const PreparedScene& scene, const VolumeObject& volume, const Vec3& world, const Vec3& color,
+           const Vec3& gradient) {
+    if (volume.settings().shading.flat) return color;
+    // Its direction alone counts, and its square must be a number.
+    const Vec3 size = glm::abs(gradient);
+    const double largest = std::max({size.x, size.y, size.z});
+    if (!(largest > 0)) return color;
+    const Vec3 normal = volume.to_world().normal(gradient / largest);
+    return dot(normal, normal) > 0 ? shade(scene.camera, scene.settings.lights, volume.settings().shading, color, world, -normal)
+                                   : color;
+}
+
+namespace {
+
+[[nodiscard]] Vec3 brightest(std::span<const Light> lights, const Shading& s, const Vec3& color) {
+    if (s.flat) return color;
     double light = 0;
-    for (const Light& each : scene.settings.lights) light += each.intensity;
-    double most = 0;
-    for (const Object& object : scene.objects) {
-        const Shading& s = object.surface.shading;
-        const Vec3& c = object.surface.color;
-        const double color = object.geometry->has_color() ? 1 : std::max({c.x, c.y, c.z});
-        most = std::max(most, s.flat ? color : color * (s.ambient + s.diffuse * light) + s.specular * light);
-    }
-    return most;
+    for (const Light& each : lights) light += each.intensity;
+    return color * (s.ambient + s.diffuse * light) + Vec3(s.specular * light);
+}
+
+}  // namespace
+
+Vec3 brightest_color(std::span<const Light> lights, const Object& object) {
+    const SurfaceGeometry& geometry = *object.geometry;
+    return brightest(lights, object.surface.shading, geometry.has_color() ? geometry.brightest() : object.surface.color);
+}
+
+Vec3 brightest_color(std::span<const Light> lights, const VolumeObject& volume) {
+    // Unlit where there is no gradient.
+    const Vec3 own = volume.transfer().brightest();
+    return glm::max(own, brightest(lights, volume.settings().shading, own));
+}
+
+Vec3 share_of(const Vec3& color, const Vec3& brightest) {
+    Vec3 share(0.0);
+    for (int c = 0; c < 3; ++c)
+        if (brightest[c] > 0) share[c] = color[c] / brightest[c];
+    return share;
+}
+
+double brightest_color(const PreparedScene& scene) {
+    Vec3 most(0.0);
+    for (const Object& object : scene.objects) most = glm::max(most, brightest_color(scene.settings.lights, object));
+    for (const VolumeObject& volume : scene.volumes) most = glm::max(most, brightest_color(scene.settings.lights, volume));
+    return std::max({most.x, most.y, most.z});
 }
 
 }  // namespace pellucid

@@ -42,7 +42,19 @@ ParticleShading::ParticleShading(const PreparedScene& scene, const ParticleFrame
     for (const Light& light : scene.settings.lights)
         lights.push_back({narrow(camera.view_vector(light.direction)), static_cast<float>(light.intensity),
                           light.headlight ? 1 : 0});
+    const auto add_painted = [&](const Vec3& brightest) {
+        twin::Material m{};
+        m.red = static_cast<float>(brightest.x);
+        m.green = static_cast<float>(brightest.y);
+        m.blue = static_cast<float>(brightest.z);
+        m.flat_colored = m.painted = 1;
+        materials.push_back(m);
+    };
     for (const Object& object : scene.objects) {
+        if (object.geometry->painted()) {
+            add_painted(brightest_color(scene.settings.lights, object));
+            continue;
+        }
         const Shading& s = object.surface.shading;
         const Vec3& color = object.surface.color;
         twin::Material m{};
@@ -57,6 +69,7 @@ ParticleShading::ParticleShading(const PreparedScene& scene, const ParticleFrame
         if (const auto texture = object.geometry->texture()) add_texture(*texture, camera, frame, m, texels);
         materials.push_back(m);
     }
+    for (const VolumeObject& volume : scene.volumes) add_painted(brightest_color(scene.settings.lights, volume));
 }
 
 twin::ColorUnits shade_particle(const ParticleShading& shading, std::uint32_t object,

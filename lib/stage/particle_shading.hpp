@@ -14,7 +14,7 @@ namespace pellucid {
 /// Plain arrays, so that they can be copied to a device as they are.
 struct ParticleShading {
     twin::ShadingView view{};
-    std::vector<twin::Material> materials;  // one an object
+    std::vector<twin::Material> materials;  // one an object, volumes after surfaces
     std::vector<twin::ViewLight> lights;
     std::vector<twin::Vec3f> texels;        // of all images, row by row
 

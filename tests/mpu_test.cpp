@@ -1,0 +1,189 @@
+#include "field/mpu.hpp"
+
+#include <cmath>
+#include <functional>
+#include <numbers>
+
+#include <gtest/gtest.h>
+
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "field/mpu_cells.hpp"
+
+namespace pellucid {
+namespace {
+
+/// Fibonacci's points on the unit sphere, each mapped to a place and a normal.
+std::vector<OrientedPoint> points_on(std::size_t count, const std::function<std::pair<Vec3, Vec3>(const Vec3&)>& map) {
+    std::vector<OrientedPoint> points;
+    for (std::size_t i = 0; i < count; ++i) {
+        const double z = 1 - 2 * (static_cast<double>(i) + 0.5) / static_cast<double>(count);
+        const double angle = static_cast<double>(i) * 2.399963229728653;
+        const double r = std::sqrt(1 - z * z);
+        const auto [place, normal] = map({r * std::cos(angle), r * std::sin(angle), z});
+        const Vec3 n = normalize(normal);
+        points.push_back({place, {static_cast<float>(n.x), static_cast<float>(n.y), static_cast<float>(n.z)}});
+    }
+    return points;
+}
+
+std::vector<OrientedPoint> sphere(std::size_t count) {
+    return points_on(count, [](const Vec3& p) { return std::pair(p, p); });
+}
+std::vector<OrientedPoint> ellipsoid(std::size_t count) {
+    return points_on(count, [](const Vec3& p) { return std::pair(p * Vec3(1, 0.7, 0.5), p / Vec3(1, 0.7, 0.5)); });
+}
+/// The faces of [−1, 1]³, n × n points each, none on an edge.
+std::vector<OrientedPoint> cube(int n) {
+    std::vector<OrientedPoint> points;
+    for (int face = 0; face < 6; ++face)
+        for (int j = 0; j < n; ++j)
+            for (int i = 0; i < n; ++i) {
+                Vec3 p;
+                OrientedPoint point;
+                const double side = (face & 1) != 0 ? 1 : -1;
+                p[face / 2] = side;
+                p[(face / 2 + 1) % 3] = (2 * i + 1.0) / n - 1;
+                p[(face / 2 + 2) % 3] = (2 * j + 1.0) / n - 1;
+                point.position = p;
+                point.normal[static_cast<std::size_t>(face / 2)] = static_cast<float>(side);
+                points.push_back(point);
+            }
+    return points;
+}
+
+TEST(Mpu, FitsASphereWithItsNormals) {
+    const MpuField field(sphere(20000));
+    for (const OrientedPoint& p : sphere(777)) {  // not the points of the fit
+        EXPECT_NEAR(field.value(p.position), 0, 1e-3);
+        EXPECT_GT(dot(normalize(field.gradient(p.position)), p.position), 0.999);
+        EXPECT_LT(field.value(0.95 * p.position), 0);
+        EXPECT_GT(field.value(1.03 * p.position), 0);
+    }
+}
+
+TEST(Mpu, DerivativesAreThoseOfDifferences) {
+    const MpuField field(ellipsoid(5000), {.sharp = false});
+    for (const OrientedPoint& p : ellipsoid(101)) {
+        const Vec3 x = p.position + Vec3(0.013, -0.007, 0.011);
+        const FieldJet jet = field.jet(x);
+        EXPECT_NEAR(jet.value, field.value(x), 1e-13);
+        const double h = 1e-6;
+        for (int a = 0; a < 3; ++a) {
+            Vec3 step(0.0);
+            step[a] = h;
+            EXPECT_NEAR(jet.gradient[a], (field.value(x + step) - field.value(x - step)) / (2 * h), 1e-6);
+            const Vec3 second = (field.gradient(x + step) - field.gradient(x - step)) / (2 * h);
+            for (int b = 0; b < 3; ++b)
+                EXPECT_NEAR(jet.hessian_matrix()[a][b], second[b], 1e-3 * (1 + std::abs(second[b])));
+        }
+    }
+}
+
+TEST(Mpu, RangesHoldWhatIsInTheBox) {
+    const MpuField field(ellipsoid(3000));
+    std::vector<std::uint32_t> leaves;
+    for (const OrientedPoint& p : ellipsoid(60)) {
+        for (const double half : {0.1, 0.01, 0.001}) {
+            const Vec3 c = field.to_unit(p.position);
+            const Box box{c - half, c + half};
+            field.leaves_at(box, leaves);
+            const MpuRange range = field.range(leaves, box);
+            for (const OrientedPoint& q : sphere(50)) {
+                const Vec3 x = field.bounds().lo + field.size() * (c + half * q.position);
+                const FieldJet jet = field.jet(x);
+                EXPECT_GE(jet.value / field.size(), range.value.lo);
+                EXPECT_LE(jet.value / field.size(), range.value.hi);
+                for (int a = 0; a < 3; ++a) {
+                    EXPECT_GE(jet.gradient[a], range.gradient[static_cast<std::size_t>(a)].lo);
+                    EXPECT_LE(jet.gradient[a], range.gradient[static_cast<std::size_t>(a)].hi);
+                }
+            }
+        }
+    }
+}
+
+TEST(Mpu, SharpFitsKeepTheEdgesOfACube) {
+    const MpuField sharp(cube(24), {.accuracy = 1e-3, .least_points = 15});
+    const MpuField smooth(cube(24), {.accuracy = 1e-3, .least_points = 15, .sharp = false});
+    double sharp_off = 0;
+    double smooth_off = 0;
+    for (int i = 0; i < 40; ++i) {
+        const Vec3 edge(1, 1, -0.8 + 0.04 * i);
+        sharp_off += std::abs(sharp.value(edge));
+        smooth_off += std::abs(smooth.value(edge));
+    }
+    EXPECT_LT(sharp_off, 0.2 * smooth_off);
+}
+
+TEST(Mpu, TheSameForAnyNumberOfThreads) {
+    set_thread_count(1);
+    const MpuField one(ellipsoid(4000));
+    const MpuCells one_cells(one);
+    set_thread_count(0);
+    const MpuField many(ellipsoid(4000));
+    const MpuCells many_cells(many);
+    ASSERT_EQ(one_cells.count(), many_cells.count());
+    for (std::size_t i = 0; i < one_cells.count(); ++i)
+        EXPECT_EQ(one_cells.cell(i).tight.lo, many_cells.cell(i).tight.lo);
+    for (const OrientedPoint& p : ellipsoid(50)) EXPECT_EQ(one.value(1.01 * p.position), many.value(1.01 * p.position));
+}
+
+TEST(Mpu, TooFewDifferentPointsAreRefused) {
+    auto points = sphere(14);
+    for (const std::vector<OrientedPoint>& few : {std::vector<OrientedPoint>(), sphere(3), points}) {
+        try {
+            (void)MpuField(few);
+            ADD_FAILURE() << few.size();
+        } catch (const Error& e) {
+            EXPECT_EQ(e.kind(), Failure::input);
+            EXPECT_NE(std::string(e.what()).find("at least 15"), std::string::npos);
+        }
+    }
+    for (int i = 0; i < 50; ++i) points.push_back(points[0]);
+    EXPECT_THROW((void)MpuField(points), Error);
+}
+
+TEST(Mpu, TurnedOverPointsHaveTheSameSurface) {
+    auto points = ellipsoid(3000);
+    const MpuField field(points);
+    for (OrientedPoint& p : points)
+        for (float& n : p.normal) n = -n;
+    const MpuField turned(points);
+    for (const OrientedPoint& p : ellipsoid(40)) EXPECT_NEAR(turned.value(p.position), -field.value(p.position), 1e-6);
+}
+
+TEST(MpuCells, LinesCrossAClosedSurfaceInPairsWhereItIs) {
+    const MpuField field(ellipsoid(3000));
+    const MpuCells cells(field);
+    IsolationStats stats;
+    std::size_t crossed = 0;
+    for (const OrientedPoint& p : sphere(60)) {
+        const Vec3 through(0.1 * p.position.y, -0.2 * p.position.z, 0.1 * p.position.x);
+        std::vector<FieldRoot> roots;
+        for (std::size_t i = 0; i < cells.count(); ++i) cells.cross(i, through, p.position, -3, 3, roots, stats);
+        ASSERT_EQ(roots.size(), 2U);
+        for (const FieldRoot& root : roots) {
+            const Vec3 x = through + root.t * p.position;
+            const Vec3 unit = x / Vec3(1, 0.7, 0.5);
+            EXPECT_NEAR(length(unit), 1, 0.01);
+            EXPECT_NEAR(field.value(x), 0, 1e-12);
+            EXPECT_LT(length(field.gradient(x) - root.gradient), 1e-6);
+        }
+        crossed += roots.size();
+    }
+    EXPECT_EQ(crossed, 120U);
+}
+
+TEST(MpuCells, WhereThereAreNoPointsThereIsNoSurface) {
+    auto points = sphere(4000);
+    std::erase_if(points, [](const OrientedPoint& p) { return p.position.z > 0.5; });
+    const MpuField field(points);
+    const MpuCells cells(field);
+    ASSERT_GT(cells.count(), 0U);
+    const double spacing = std::sqrt(4 * std::numbers::pi / 4000);
+    for (std::size_t i = 0; i < cells.count(); ++i) EXPECT_LT(cells.cell(i).tight.lo.z, 0.5 + 6 * spacing);
+}
+
+}  // namespace
+}  // namespace pellucid
