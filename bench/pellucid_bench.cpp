@@ -176,6 +176,58 @@ void sample(benchmark::State& state) {
     state.counters["trials"] = rate(done(state) * static_cast<std::uint64_t>(trials * repeats));
 }
 
+/// 16 bytes a particle.
+void copy_probe(benchmark::State& state) {
+    static CopyProbe probe(std::uint64_t{1} << 29U);
+    std::uint64_t bytes = 0;
+    for (auto _ : state) bytes += probe.run();
+    state.counters["particles"] = rate(bytes / sizeof(Particle));
+}
+
+void walk_probe(benchmark::State& state) {
+    TorusWalkProbe probe(std::uint64_t{1} << 25U);
+    std::uint64_t steps = 0;
+    for (auto _ : state) steps += probe.run();
+    state.counters["steps"] = rate(steps);
+}
+
+/// Brownian motion on the torus; `thinning` positions a particle of the view, 1: all of them.
+template <std::uint32_t thinning>
+void walk_torus(benchmark::State& state) {
+    static const PreparedScene scene = torus();
+    static const BrownianSource source(scene.objects[0], scene.camera, 0, {.thinning = thinning});
+    constexpr std::uint32_t kRepeatsNow = 16;
+    constexpr std::uint32_t kTrials = (1U << 21U) / thinning;
+    std::atomic<std::uint64_t> particles = 0;
+    const std::uint64_t before = source.stats().steps;
+    for (auto _ : state)
+        parallel_for(kRepeatsNow, 1, [&](std::size_t begin, std::size_t end) {
+            std::vector<SourcePoint> points;
+            for (std::size_t i = begin; i < end; ++i) {
+                points.clear();
+                source.trials_in_block(0, {}, static_cast<std::uint32_t>(i), 0, kTrials, points);
+                particles += points.size();
+            }
+        });
+    state.counters["steps"] = rate(source.stats().steps - before);
+    state.counters["particles"] = rate(particles);
+}
+
+/// Sampling by another sampler, as `sample`.
+template <PreparedScene (*make_scene)(), SamplerKind kind>
+void sample_by(benchmark::State& state) {
+    static const PreparedScene scene = make_scene();
+    static const Sources sources = make_sources(scene, kind);
+    double trials = 0;
+    for (const auto& source : sources) trials += mean_trials(*source, TrialLaw::poisson);
+    const auto repeats = static_cast<std::uint32_t>(1 + 2e7 / trials);
+    std::uint64_t particles = 0;
+    for (auto _ : state)
+        particles += sample_particles(scene, sources, {.seed = {}, .exact_count = {}}, 0, repeats).count();
+    state.counters["particles"] = rate(particles);
+    state.counters["trials"] = rate(done(state) * static_cast<std::uint64_t>(trials * repeats));
+}
+
 [[nodiscard]] PreparedScene nested_spheres_in_full() { return nested_spheres(kImageSize, 0.005); }
 
 [[nodiscard]] PreparedScene barth_sextic_in_full() { return barth_sextic(kImageSize); }
@@ -296,6 +348,13 @@ void register_all() {
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7_with_copies", draw_on_vulkan<true>));
     }
     thrice(RegisterBenchmark("sample/probe", lines_probe<TorusLinesProbe>));
+    once(RegisterBenchmark("sample/copy", copy_probe));
+    once(RegisterBenchmark("walk/probe", walk_probe));
+    once(RegisterBenchmark("walk/torus", walk_torus<1>));
+    once(RegisterBenchmark("walk/torus_thinned", walk_torus<100>));
+    once(RegisterBenchmark("sample/torus_brownian", sample_by<torus, SamplerKind::brownian>));
+    once(RegisterBenchmark("sample/torus_mesh", sample_by<torus, SamplerKind::mesh>));
+    once(RegisterBenchmark("sample/torus_octree", sample_by<torus, SamplerKind::octree>));
     once(RegisterBenchmark("sample/torus", sample<torus, LineMode::exact>));
     once(RegisterBenchmark("sample/torus_fast_mode", sample<torus, LineMode::fast>));
     thrice(RegisterBenchmark("sample/sextic_probe", lines_probe<SexticLinesProbe>));

@@ -91,4 +91,27 @@ private:
     std::uint64_t lines_;
 };
 
+/// Brownian steps on a torus (radii 1 and 0.4) as brownian_walk.hpp takes them, in double: two Gaussian numbers, the
+/// tangent plane, dx^(S), two corrections.
+class TorusWalkProbe {
+public:
+    explicit TorusWalkProbe(std::uint64_t steps) : steps_(steps) {}
+    /// Returns how many steps were taken.
+    std::uint64_t run();
+
+private:
+    std::uint64_t steps_;
+};
+
+/// memcpy on all threads.
+class CopyProbe {
+public:
+    explicit CopyProbe(std::uint64_t bytes);
+    /// Returns how many bytes were copied.
+    std::uint64_t run();
+
+private:
+    std::vector<unsigned char> from_, to_;
+};
+
 }  // namespace pellucid::bench

@@ -251,6 +251,50 @@ TEST(Brownian, NeverLoopsForEverWhereTheFieldHasNoWayBack) {
     }
 }
 
+// Many walkers at once against the plain walk: the same steps but for rounding, edges included.
+TEST(Brownian, ManyWalkersAtOnceTakeTheStepsOfOne) {
+    for (const char* body : {"implicit = \"torus\"", "implicit = \"cylinder\"\nrotate_degrees = [10, 20, 30]\nscale = 2.0",
+                             "implicit = \"saddle\"", "implicit = \"sphere\"\nclip = [{ normal = [0, 0, 1], offset = 0.3 }]"}) {
+        const PreparedScene scene = scene_of(body);
+        for (const bool drift : {false, true}) {
+            const WalkStep step{.length = 0.05, .drift = drift};
+            const BrownianWalk walk(scene.objects[0], step);
+            ASSERT_TRUE(walk.has_herds());
+            const UniformPoints places(scene.objects[0], 0);
+            constexpr std::size_t kCount = 1003;
+            std::array<std::vector<double>, 7> soa;
+            for (auto& values : soa) values.resize(1008, 1);
+            std::vector<BrownianWalk::Walker> plain(kCount);
+            std::uint64_t trial = 0;
+            for (std::size_t i = 0; i < kCount; ++i) {
+                for (;;)
+                    if (const auto p = places.point({1}, 0, trial++); p && walk.put(*p, plain[i])) break;
+                for (int k = 0; k < 3; ++k) {
+                    soa[static_cast<std::size_t>(k)][i] = plain[i].at[k];
+                    soa[static_cast<std::size_t>(3 + k)][i] = plain[i].gradient[k];
+                }
+            }
+            std::vector<std::uint32_t> left;
+            const DrawKey key{.object = 3, .repeat = 7, .index = (std::uint64_t{1} << 55U) | 17U};
+            walk_herd(walk.quick(), {5}, key, {{soa[0].data(), soa[1].data(), soa[2].data()}, {soa[3].data(), soa[4].data(), soa[5].data()}, soa[6].data()},
+                      kCount, left);
+            EXPECT_LT(left.size(), kCount / 4) << body;
+            std::size_t moved = 0;
+            for (std::size_t i = 0; i < kCount; ++i) {
+                const BrownianWalk::Walker was = plain[i];
+                const WalkOutcome outcome =
+                    walk.advance(plain[i], {5}, {key.object, key.repeat, key.index + (std::uint64_t{i} << 32U), 0});
+                const bool is_left = std::ranges::find(left, static_cast<std::uint32_t>(i)) != left.end();
+                EXPECT_TRUE(is_left || outcome == WalkOutcome::moved);
+                const Vec3 expected = is_left ? was.at : plain[i].at;
+                for (int k = 0; k < 3; ++k) ASSERT_NEAR(soa[static_cast<std::size_t>(k)][i], expected[k], 1e-11) << body;
+                moved += is_left ? 0 : 1;
+            }
+            EXPECT_GT(moved, kCount / 2);
+        }
+    }
+}
+
 TEST(Brownian, RefusesWhatHasNoField) {
     const PreparedScene scene = scene_of("rectangle = { u = [2, 0, 1], v = [0, 1, 0] }\nname = \"card\"");
     for (const auto kind : {SamplerKind::brownian, SamplerKind::mesh, SamplerKind::octree}) {

@@ -48,12 +48,14 @@ namespace {
 
 BrownianSource::BrownianSource(const Object& object, const Camera& camera, std::uint32_t object_id, const WalkSettings& settings)
     : object_(&with_field(object)),
+      camera_(&camera),
       object_id_(object_id),
       settings_(settings),
       places_(object, object_id),
       thinning_(object, camera),
       step_(step_of(object, settings)),
-      walk_(object, step_) {
+      walk_(object, step_),
+      view_(camera, object.geometry->field_surface()->to_world, object.surface.opacity_law == OpacityLaw::constant) {
     if (const auto least = thinning_.least_pixel_area(); least && places_.area() > 0) virtual_pixels_ = places_.area() / *least;
 }
 
@@ -63,50 +65,79 @@ double BrownianSource::optical_depth() const { return -std::log1p(-std::min(obje
 
 /// The walkers of one repeat.
 struct BrownianSource::Herd {
-    std::vector<BrownianWalk::Walker> walkers;
+    explicit Herd(std::size_t count) : lost(count) {
+        const std::size_t room = (count / kHerdLanes + 2) * kHerdLanes;  // loads begin at any walker
+        for (auto& values : at) values.resize(room);
+        for (auto& values : gradient) values.resize(room, 1);  // beyond the last walker: any surface's
+        chance.resize(room);
+    }
+    [[nodiscard]] BrownianWalk::Walker get(std::size_t i) const {
+        return {{at[0][i], at[1][i], at[2][i]}, {gradient[0][i], gradient[1][i], gradient[2][i]}};
+    }
+    void put(std::size_t i, const BrownianWalk::Walker& walker) {
+        for (int k = 0; k < 3; ++k) {
+            at[static_cast<std::size_t>(k)][i] = walker.at[k];
+            gradient[static_cast<std::size_t>(k)][i] = walker.gradient[k];
+        }
+    }
+    [[nodiscard]] HerdArrays arrays() {
+        return {{at[0].data(), at[1].data(), at[2].data()}, {gradient[0].data(), gradient[1].data(), gradient[2].data()}, chance.data()};
+    }
+
+    std::array<std::vector<double>, 3> at, gradient;
+    std::vector<double> chance;
     std::vector<std::uint8_t> lost;  // steps not made in a row
-    std::uint64_t trial = 0;         // of places to start from
+    std::vector<std::uint32_t> left;  // by the last step of many at once
+    std::uint64_t trial = 0;          // of places to start from
     Stats stats;
 };
+
+/// A walker on the next uniform place.
+BrownianWalk::Walker BrownianSource::start(Herd& herd, Seed seed, std::uint32_t repeat) const {
+    BrownianWalk::Walker walker;
+    for (const std::uint64_t end = herd.trial + kMostStarts; herd.trial < end;)
+        if (const auto place = places_.point(seed, repeat, herd.trial++); place && walk_.put(*place, walker)) return walker;
+    throw run_error("{}: particles.sampler = \"brownian\" finds no place to start in {} trials", label(), kMostStarts);
+}
+
+/// One step of one walker.
+void BrownianSource::advance(Herd& herd, std::uint32_t i, Seed seed, std::uint32_t repeat, std::uint32_t step) const {
+    BrownianWalk::Walker walker = herd.get(i);
+    const WalkOutcome outcome = walk_.advance(walker, seed, step_key(object_id_, repeat, i, step));
+    if (outcome == WalkOutcome::lost) {
+        ++herd.stats.lost;
+        if (++herd.lost[i] < kMostLost) return;
+        ++herd.stats.restarts;
+        walker = start(herd, seed, repeat);
+    } else if (outcome != WalkOutcome::moved) {
+        ++herd.stats.at_borders;
+    }
+    herd.lost[i] = 0;
+    herd.put(i, walker);
+}
 
 template <class Take>
 void BrownianSource::walk(Seed seed, std::uint32_t repeat, std::uint32_t count, const Take& take) const {
     if (count == 0) return;
     const std::uint32_t n = std::min(settings_.walkers, count);
-    Herd herd{std::vector<BrownianWalk::Walker>(n), std::vector<std::uint8_t>(n), 0, {}};
-    const auto start = [&] {
-        BrownianWalk::Walker walker;
-        for (const std::uint64_t end = herd.trial + kMostStarts; herd.trial < end;)
-            if (const auto place = places_.point(seed, repeat, herd.trial++); place && walk_.put(*place, walker)) return walker;
-        throw run_error("{}: particles.sampler = \"brownian\" finds no place to start in {} trials", label(), kMostStarts);
-    };
-    if (settings_.start == WalkSettings::Start::single)
-        std::ranges::fill(herd.walkers, start());
-    else
-        for (auto& walker : herd.walkers) walker = start();
+    Herd herd(n);
+    const bool single = settings_.start == WalkSettings::Start::single;
+    for (std::uint32_t i = 0; i < n; ++i) herd.put(i, single && i > 0 ? herd.get(0) : start(herd, seed, repeat));
 
     std::uint32_t step = 0;
     for (std::uint64_t done = 0; done < count; done += n) {
         const auto round = static_cast<std::uint32_t>(std::min<std::uint64_t>(n, count - done));
         for (const std::uint32_t end = step + settings_.thinning; step < end; ++step) {
-            for (std::uint32_t i = 0; i < round; ++i) {
-                const WalkOutcome outcome = walk_.advance(herd.walkers[i], seed, step_key(object_id_, repeat, i, step));
-                if (outcome == WalkOutcome::moved) {
-                    herd.lost[i] = 0;
-                } else if (outcome != WalkOutcome::lost) {
-                    herd.lost[i] = 0;
-                    ++herd.stats.at_borders;
-                } else {
-                    ++herd.stats.lost;
-                    if (++herd.lost[i] < kMostLost) continue;
-                    ++herd.stats.restarts;
-                    herd.lost[i] = 0;
-                    herd.walkers[i] = start();
-                }
+            if (walk_.has_herds()) {
+                herd.left.clear();
+                walk_herd(walk_.quick(), seed, step_key(object_id_, repeat, 0, step), herd.arrays(), round, herd.left);
+                for (const std::uint32_t i : herd.left) advance(herd, i, seed, repeat, step);
+            } else {
+                for (std::uint32_t i = 0; i < round; ++i) advance(herd, i, seed, repeat, step);
             }
             herd.stats.steps += round;
         }
-        for (std::uint32_t i = 0; i < round; ++i) take(static_cast<std::uint32_t>(done) + i, herd.walkers[i], step_key(object_id_, repeat, i, step - 1));
+        take(static_cast<std::uint32_t>(done), herd, round, step - 1);
     }
     steps_ += herd.stats.steps;
     at_borders_ += herd.stats.at_borders;
@@ -117,19 +148,34 @@ void BrownianSource::walk(Seed seed, std::uint32_t repeat, std::uint32_t count, 
 std::vector<Vec3> BrownianSource::positions(Seed seed, std::uint32_t repeat, std::uint32_t count) const {
     std::vector<Vec3> out;
     out.reserve(count);
-    walk(seed, repeat, count, [&](std::uint32_t, const BrownianWalk::Walker& walker, const DrawKey&) {
-        out.push_back(walk_.world(walker));
+    walk(seed, repeat, count, [&](std::uint32_t, Herd& herd, std::uint32_t walkers, std::uint32_t) {
+        for (std::uint32_t i = 0; i < walkers; ++i) out.push_back(walk_.world(herd.get(i)));
     });
     return out;
 }
 
 void BrownianSource::trials_in_block(std::size_t, Seed seed, std::uint32_t repeat, std::uint32_t first, std::uint32_t count,
                                      std::vector<Point>& out) const {
-    walk(seed, repeat, first + count, [&](std::uint32_t i, const BrownianWalk::Walker& walker, const DrawKey& key) {
-        if (i < first) return;
-        // Words 0 and 1 of this key made the step that led here.
-        const double chance = unit_interval(random_bits(seed, key)[2]);
-        if (const auto point = thinning_.keep(walk_.world(walker), walk_.world_normal(walker), chance)) out.push_back(*point);
+    const double side = camera_->pixel_size();
+    const double bound = thinning_.least_pixel_area().value_or(0) / (side * side);
+    PointChunk chunk;
+    walk(seed, repeat, first + count, [&](std::uint32_t index, Herd& herd, std::uint32_t walkers, std::uint32_t step) {
+        const std::uint32_t skip = index < first ? std::min(first - index, walkers) : 0;
+        if (walk_.has_herds()) {
+            for (std::uint32_t i = skip; i < walkers; i += kLineChunk) {
+                keep_herd(view_, bound, herd.arrays(), i, std::min(kLineChunk, walkers - i), chunk);
+                for (std::size_t k = 0; k < chunk.count; ++k)
+                    out.push_back({{chunk.view[0][k], chunk.view[1][k], chunk.view[2][k]},
+                                   {chunk.normal[0][k], chunk.normal[1][k], chunk.normal[2][k]}});
+            }
+            return;
+        }
+        for (std::uint32_t i = skip; i < walkers; ++i) {
+            // Words 0 and 1 of this key made the step that led here.
+            const double chance = unit_interval(random_bits(seed, step_key(object_id_, repeat, i, step))[2]);
+            const BrownianWalk::Walker walker = herd.get(i);
+            if (const auto point = thinning_.keep(walk_.world(walker), walk_.world_normal(walker), chance)) out.push_back(*point);
+        }
     });
 }
 

@@ -66,17 +66,21 @@ public:
 
 private:
     struct Herd;
-    /// Gives positions 0 … count − 1 to take(index, walker, step).
+    [[nodiscard]] BrownianWalk::Walker start(Herd& herd, Seed seed, std::uint32_t repeat) const;
+    void advance(Herd& herd, std::uint32_t i, Seed seed, std::uint32_t repeat, std::uint32_t step) const;
+    /// Gives positions 0 … count − 1 to take(first index, herd, how many walkers, last step), round by round.
     template <class Take>
     void walk(Seed seed, std::uint32_t repeat, std::uint32_t count, const Take& take) const;
 
     const Object* object_;
+    const Camera* camera_;
     std::uint32_t object_id_;
     WalkSettings settings_;
     UniformPoints places_;
     ViewThinning thinning_;
     WalkStep step_;
     BrownianWalk walk_;
+    LineView view_;  // of object space
     double virtual_pixels_ = 0;
     mutable std::atomic<std::uint64_t> steps_ = 0, at_borders_ = 0, lost_ = 0, restarts_ = 0;
 };

@@ -111,6 +111,24 @@ BrownianWalk::BrownianWalk(const Object& object, const WalkStep& step) : step_(s
         for (int axis = 0; axis < 3; ++axis) farthest[axis] = plane.normal[axis] > 0 ? all.hi[axis] : all.lo[axis];
         return beyond(plane, farthest) <= (bounded ? hair_ : -hair_);
     });
+
+    const bool plain = step.projected && step.corrected && step.noise == 1;
+    if (catalogue == nullptr || !isometric_ || !plain) return;
+    QuickWalk quick;
+    quick.torus = catalogue->torus();
+    quick.drift = step.drift;
+    quick.square = {catalogue->square().x, catalogue->square().y, catalogue->square().z};
+    quick.linear = {catalogue->linear().x, catalogue->linear().y, catalogue->linear().z};
+    quick.constant = catalogue->constant();
+    quick.major = catalogue->major();
+    quick.minor = catalogue->minor();
+    quick.step = inner_step_;
+    quick.near = near_;
+    quick.reach = reach_;
+    quick.hair = hair_;
+    for (const Plane& plane : planes_)
+        quick.planes.push_back({{plane.normal.x, plane.normal.y, plane.normal.z, plane.offset}});
+    quick_ = std::move(quick);
 }
 
 Vec3 BrownianWalk::world_normal(const Walker& walker) const {

@@ -16,10 +16,12 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 #include <vector>
 
 #include "core/random.hpp"
 #include "field/scalar_field.hpp"
+#include "sample/edge_lines.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -41,6 +43,34 @@ struct WalkStep {
 
 enum class WalkOutcome : std::uint8_t { moved, folded, stayed_inside, lost };
 
+/// What many walkers at once need to know, object space: brownian_simd.cpp.
+struct QuickWalk {
+    struct Plane {
+        std::array<double, 4> normal_offset{};
+    };
+    bool torus = false, drift = true;
+    std::array<double, 3> square{}, linear{};  // a quadric Σ q x² + l x + c
+    double constant = 0, major = 0, minor = 0;
+    double step = 0, near = 0, reach = 0, hair = 0;
+    std::vector<Plane> planes;
+};
+
+/// Walkers as a structure of arrays of one length, a multiple of kHerdLanes.
+struct HerdArrays {
+    std::array<double*, 3> at, gradient;
+    double* chance;  // for the view's thinning, of the last step
+};
+inline constexpr std::size_t kHerdLanes = 16;
+
+/// One step of walkers 0 … count − 1: that of BrownianWalk::advance with key.index + (walker << 32) but for rounding.
+/// What is not plain (an edge, a long way back to the surface) is left where it is, its number appended to `left`.
+void walk_herd(const QuickWalk& walk, Seed seed, const DrawKey& key, const HerdArrays& herd, std::size_t count,
+               std::vector<std::uint32_t>& left);
+
+/// The walkers first … first + count − 1 (at most kLineChunk) that a view keeps: ViewThinning::keep but for clipping.
+///   view   of object space;  bound  (least s)/(side of a pixel at depth 1)²
+void keep_herd(const LineView& view, double bound, const HerdArrays& herd, std::size_t first, std::size_t count, PointChunk& out);
+
 class BrownianWalk {
 public:
     /// Precondition: geometry->field_surface() has a value. The object must outlive the walk.
@@ -58,14 +88,9 @@ public:
     /// the surface, `stayed_inside` none back from an edge.
     [[nodiscard]] WalkOutcome advance(Walker& walker, Seed seed, const DrawKey& key) const;
 
-    /// For code that takes many steps at once (brownian_simd.cpp).
-    [[nodiscard]] const ScalarField& field() const { return *field_; }
-    [[nodiscard]] bool isometric() const { return isometric_; }
-    /// √(2Δt) in the coordinates in which steps are taken: object space if isometric.
-    [[nodiscard]] double inner_step() const { return inner_step_; }
-    [[nodiscard]] double reach() const { return reach_; }
-    [[nodiscard]] bool open() const { return !planes_.empty(); }
-    [[nodiscard]] const WalkStep& step() const { return step_; }
+    /// Whether walk_herd knows the surface: a quadric or a torus of the catalogue, turned, moved and scaled evenly.
+    [[nodiscard]] bool has_herds() const { return quick_.has_value(); }
+    [[nodiscard]] const QuickWalk& quick() const { return *quick_; }
 
 private:
     /// Keeps normal·u <= offset, object space; |gradient of the plane in the metric| = 1.
@@ -91,6 +116,7 @@ private:
     double reach_ = 0;  // farthest way back to the surface
     double hair_ = 0;   // beyond an edge
     std::vector<Plane> planes_;
+    std::optional<QuickWalk> quick_;
 };
 
 }  // namespace pellucid
