@@ -15,7 +15,7 @@ namespace {
 constexpr double kFlat = 1.5;
 /// A leaf is cut so often for flatness, and so often for being monotone along any axis.
 constexpr int kCutsForFlat = 1;
-constexpr int kCutsForMonotone = 2;
+constexpr int kCutsForMonotone = 3;
 /// A box is looked into again where its volume has become less than this share.
 constexpr double kShrunkMuch = 0.6;
 /// Boxes around the surface are larger than they need be by this share of their cell.
@@ -29,6 +29,9 @@ constexpr double kMostSpacing = 4;
 constexpr int kPlacesSeen = 15;
 constexpr double kRoomBeyondSeen = 0.3;
 constexpr double kLeastRoom = 0.01;
+/// Roots along an axis where ranges say nothing: parts of leaves, in which f is a few quadrics. What goes beyond is counted as
+/// undecided by the sampler.
+constexpr int kUnsureRoots = 3;
 /// Pieces that a line may cost in one cell, and how often they are halved.
 constexpr int kMostPieces = 512;
 constexpr int kMostHalvings = 24;
@@ -404,10 +407,10 @@ int MpuCells::most_roots(std::size_t index, int axis) const {
         piece.hi[axis] = lo + width * (i + 1) / kPieces;
         const MpuRange range = field_.range(leaves_of(c), piece);
         if (!range.value.has_zero()) continue;
-        if (range.gradient[a].has_zero()) return kMostRoots;
+        if (range.gradient[a].has_zero()) return kUnsureRoots;
         ++sum;
     }
-    return std::min(sum, kMostRoots);
+    return std::min(sum, kUnsureRoots);
 }
 
 std::size_t MpuCells::bytes() const {

@@ -15,7 +15,8 @@ constexpr double kEdgeCosine = 0.9;
 /// … and a third face stands out of the plane of the two that differ most by so much: the paper's 0.7.
 constexpr double kCornerCosine = 0.7;
 /// Noise makes edges too: pieces are believed where they leave this share of the smooth fit's error (root mean square).
-constexpr double kSharpGain = 0.5;
+/// On the bunny's scans ½ leaves 223 false edges, which cost most of the time of all lines.
+constexpr double kSharpGain = 0.2;
 /// Neighbours whose normals must agree on the side of an auxiliary point: the paper's 6.
 constexpr std::size_t kAuxiliaryNeighbours = 6;
 
