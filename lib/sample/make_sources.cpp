@@ -24,9 +24,10 @@ namespace {
 }
 
 /// The source of one surface.
-[[nodiscard]] std::unique_ptr<const ParticleSource> make_source(const Object& object, const Camera& camera,
-                                                                std::uint32_t id, SamplerKind kind,
-                                                                const SourceSettings& settings) {
+[[nodiscard]] std::unique_ptr<const ParticleSource> make_source(const PreparedScene& scene, std::uint32_t id,
+                                                                SamplerKind kind, const SourceSettings& settings) {
+    const Object& object = scene.objects[id];
+    const Camera& camera = scene.camera;
     switch (kind) {
         case SamplerKind::lines:
         case SamplerKind::stratified: break;
