@@ -92,7 +92,7 @@ std::vector<Case> cases_of(const Settings& s) {
 int main(int argc, char** argv) {
     return run_experiment(
         argc, argv, {"opacity_control", "Which opacity do counting spheres achieve, and which the exact way?"}, [](Experiment& ex) {
-            constexpr double kPixelArea = 1e-5;
+            constexpr double kPixelArea = 1e-4;  // a thousandth of a great circle, but for the smallest
             const Settings s = ex.config(read_settings);
             CsvWriter& csv = ex.csv("opacity_control", {"case", "value", "run", "radius", "alpha_wished", "alpha_exact", "alpha_counted",
                                                         "alpha_counted_theory", "area_ratio", "area_ratio_theory", "particles", "z_score"});
