@@ -297,7 +297,7 @@ TEST(Brownian, ManyWalkersAtOnceTakeTheStepsOfOne) {
 
 TEST(Brownian, RefusesWhatHasNoField) {
     const PreparedScene scene = scene_of("rectangle = { u = [2, 0, 1], v = [0, 1, 0] }\nname = \"card\"");
-    for (const auto kind : {SamplerKind::brownian, SamplerKind::mesh, SamplerKind::octree}) {
+    for (const auto kind : {SamplerKind::brownian, SamplerKind::octree}) {
         try {
             (void)make_sources(scene, kind);
             ADD_FAILURE();

@@ -73,8 +73,9 @@ OpacityControl control_by_counting(const UniformPoints& surface, double opacity,
     result.exact_density = -std::log1p(-opacity) / pixel_area;
     result.exact_opacity = opacity;
 
-    std::vector<Vec3> centers;
-    for (std::uint64_t i = 0; surface.area() > 0 && centers.size() < spheres.spheres && i < kMostCenterTrials; ++i)
+    std::vector<Vec3> centers = spheres.centers;
+    const std::size_t wanted = spheres.centers.empty() ? spheres.spheres : 0;
+    for (std::uint64_t i = 0; surface.area() > 0 && centers.size() < wanted && i < kMostCenterTrials; ++i)
         if (const auto place = surface.point(derived_seed(seed, kSphereSeed), 0, i)) centers.push_back(*place);
     if (centers.empty()) {
         result.counted_density = result.exact_density;

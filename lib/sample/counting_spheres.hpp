@@ -22,6 +22,7 @@ struct CountingSpheres {
     std::uint32_t spheres = 100;
     /// In the scene's units; 0: kRadiusOfSize of the diagonal of the surface's bounds, but at least kLeastRadiusPixels.
     double radius = 0;
+    std::vector<Vec3> centers{};  // in place of random ones; not a setting of users
 };
 inline constexpr double kRadiusOfSize = 0.02;
 /// Of the side of a pixel where the surface is nearest: (1) needs S > s, and a wished opacity many particles in S.
