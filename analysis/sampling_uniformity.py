@@ -32,14 +32,15 @@ def draw_samplers(result: common.Result) -> None:
         style = dict(fmt="o", color=colors(surfaces)[surface], label=surface.replace("_", " "))
         axes[0].errorbar(rows.chi2 / rows.dof, at, **style)
         axes[1].errorbar(rows.count_dispersion, at, **style)
-        axes[2].errorbar(rows.neighbour, at, xerr=np.abs((rows.neighbour - 1) / rows.neighbour_z.replace(0, np.nan)), **style)
+        axes[2].errorbar(rows.neighbour / rows.neighbour_expected, at,
+                         xerr=np.abs((rows.neighbour - rows.neighbour_expected) / rows.neighbour_z.replace(0, np.nan)), **style)
         axes[3].errorbar(rows.particles_per_s / 1e6, at, **style)
     dof = table.dof.iloc[0]
     lo, hi = stats.chi2.ppf([0.0005, 0.9995], dof) / dof
     axes[0].axvspan(lo, hi, color="#cccccc", alpha=0.6, lw=0, label="99.9 % of uniform samples")
     for ax, title, label in ((axes[0], "uniform in area", "χ²/dof over equal-area cells"),
                              (axes[1], "Poisson numbers", "variance over mean of a repeat's number"),
-                             (axes[2], "neighbours", "mean of πρd² (Poisson: 1)"), (axes[3], "rate", "million particles a second")):
+                             (axes[2], "neighbours", "mean of πρd² over that of independent points"), (axes[3], "rate", "million particles a second")):
         ax.set_yticks(range(len(samplers)), [NAMES.get(s, s) for s in samplers] if ax is axes[0] else [""] * len(samplers))
         ax.set(title=title, xlabel=label, ylim=(-0.6, len(samplers) - 0.4))
         ax.invert_yaxis()

@@ -54,6 +54,7 @@ struct Case {
     /// The same with pixels so small that hardly any holds two particles: "stratified" draws no hidden ones.
     PreparedScene fine;
     AreaCells cells;
+    NeighbourBaseline neighbours;
 };
 constexpr int kFinePixels = 4096;  // a side
 
@@ -78,20 +79,20 @@ Measured measure(const Case& c, const Settings& s, const ParticleSettings& parti
     Stopwatch watch;
     const ParticleSet set = sample_particles(scene, sources, sampler, 0, s.repeats);
     const double seconds = watch.lap();
-    return {judge_uniformity(c.cells, world_points(scene, set), s.queries), seconds};
+    return {judge_uniformity(c.cells, world_points(scene, set), s.queries, c.neighbours), seconds};
 }
 
 class Table {
 public:
     explicit Table(Experiment& ex)
         : csv_(ex.csv("uniformity", {"surface", "sampler", "points", "chi2", "dof", "p", "density_deviation", "dispersion",
-                                     "count_dispersion", "count_p", "neighbour", "neighbour_z", "sampling_s",
+                                     "count_dispersion", "count_p", "neighbour", "neighbour_expected", "neighbour_z", "sampling_s",
                                      "particles_per_s", "independent_per_s"})) {}
     void row(const std::string& surface, const std::string& sampler, const Measured& m) {
         const UniformityReport& r = m.report;
         const double rate = r.points / m.sampling_s;
         csv_.row(surface, sampler, r.points, r.chi2, r.dof, r.p_value, r.density_deviation, r.dispersion, r.count_dispersion,
-                 r.count_p, r.neighbour, r.neighbour_z, m.sampling_s, rate, rate / std::max(r.dispersion, 1e-9));
+                 r.count_p, r.neighbour, r.neighbour_expected, r.neighbour_z, m.sampling_s, rate, rate / std::max(r.dispersion, 1e-9));
     }
 
 private:
@@ -219,7 +220,7 @@ void measure_walks(Experiment& ex, const Case& c, const Settings& s, const std::
                 sets[i] = source.positions(derived_seed(ex.seed(), 400), static_cast<std::uint32_t>(i), count);
         });
         const double seconds = watch.lap();
-        const UniformityReport report = judge_uniformity(c.cells, sets, s.queries);
+        const UniformityReport report = judge_uniformity(c.cells, sets, s.queries, c.neighbours);
         std::optional<StepTest> steps;
         if (c.name == "sphere" && w.settings.thinning == 1 && w.settings.walkers < count)
             steps = test_steps(sets, w.settings, source.step_length());
@@ -253,7 +254,8 @@ void run(Experiment& ex) {
         const std::string body = uniformity_surface(name, folder.path());
         PreparedScene scene = prepare(uniformity_scene(body, folder.path()));
         AreaCells cells(scene, s.reference, s.cells, derived_seed(ex.seed(), 100 + i));
-        Case c{name, std::move(scene), prepare(uniformity_scene(body, folder.path(), kFinePixels)), std::move(cells)};
+        Case c{name, std::move(scene), prepare(uniformity_scene(body, folder.path(), kFinePixels)), std::move(cells), {}};
+        c.neighbours = neighbour_baseline(c.cells, s.particles, s.queries);
         set_particles(c.scene, c.cells.area(), s.particles);
         set_particles(c.fine, c.cells.area(), s.particles);
         for (const std::string& sampler : s.samplers) {

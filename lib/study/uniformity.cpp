@@ -23,8 +23,9 @@ using Tree = bg::index::rtree<TreePoint, bg::index::quadratic<16>>;
 
 [[nodiscard]] TreePoint tree_point(const Vec3& p) { return {p.x, p.y, p.z}; }
 
-/// Sum and number of π ρ d² of some points of one repeat.
-void add_neighbours(const std::vector<Vec3>& points, double density, std::size_t queries, MeanVariance& sum) {
+/// π ρ d² of some points of one repeat.
+void add_neighbours(const std::vector<Vec3>& points, double density, std::size_t queries,
+                    std::vector<double>& found) {
     if (points.size() < 2) return;
     std::vector<TreePoint> packed;
     for (const Vec3& p : points) packed.push_back(tree_point(p));
@@ -35,7 +36,7 @@ void add_neighbours(const std::vector<Vec3>& points, double density, std::size_t
         tree.query(bg::index::nearest(packed[i], 2), std::back_inserter(nearest));
         double square = 0;  // the nearest is the point itself
         for (const TreePoint& p : nearest) square = std::max(square, bg::comparable_distance(p, packed[i]));
-        sum.add(std::numbers::pi * density * square);
+        found.push_back(std::numbers::pi * density * square);
     }
 }
 
@@ -102,6 +103,7 @@ AreaCells::AreaCells(const PreparedScene& scene, std::size_t points, int depth, 
     area_ = unit * crossings.mean();
     area_error_ = unit * crossings.standard_error();
 
+    sample_.assign(found.begin(), found.begin() + static_cast<std::ptrdiff_t>(std::min(found.size(), kMostSample)));
     const std::size_t leaves = std::size_t{1} << static_cast<unsigned>(depth);
     cuts_.resize(leaves - 1);
     std::vector<std::span<Vec3>> parts{found};
@@ -136,7 +138,36 @@ PointSets world_points(const PreparedScene& scene, const ParticleSet& set) {
     return sets;
 }
 
-UniformityReport judge_uniformity(const AreaCells& cells, const PointSets& sets, std::size_t queries) {
+namespace {
+
+/// Over all repeats, in their order.
+[[nodiscard]] MeanVariance all_neighbours(const AreaCells& cells, const PointSets& sets, std::size_t queries) {
+    std::vector<std::vector<double>> found(sets.size());
+    parallel_for(sets.size(), 1, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i)
+            add_neighbours(sets[i], static_cast<double>(sets[i].size()) / cells.area(), queries, found[i]);
+    });
+    MeanVariance sum;
+    for (const auto& each : found)
+        for (const double value : each) sum.add(value);
+    return sum;
+}
+
+}  // namespace
+
+NeighbourBaseline neighbour_baseline(const AreaCells& cells, double points_a_set, std::size_t queries) {
+    const auto size = std::max<std::size_t>(2, static_cast<std::size_t>(points_a_set));
+    PointSets sets;
+    for (std::size_t first = 0; first + size <= cells.sample().size(); first += size) {
+        const auto part = cells.sample().subspan(first, size);
+        sets.emplace_back(part.begin(), part.end());
+    }
+    const MeanVariance mean = all_neighbours(cells, sets, queries);
+    return {mean.mean(), mean.standard_error()};
+}
+
+UniformityReport judge_uniformity(const AreaCells& cells, const PointSets& sets, std::size_t queries,
+                                  const NeighbourBaseline& baseline) {
     UniformityReport report;
     const std::size_t n = cells.count();
     std::vector<MeanVariance> of_cell(n);
@@ -171,21 +202,10 @@ UniformityReport judge_uniformity(const AreaCells& cells, const PointSets& sets,
         const double upper = chi2_survival(report.count_dispersion * dof, dof);
         report.count_p = 2 * std::min(upper, 1 - upper);
     }
-    std::vector<MeanVariance> neighbours(sets.size());
-    parallel_for(sets.size(), 1, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t i = begin; i < end; ++i)
-            add_neighbours(sets[i], static_cast<double>(sets[i].size()) / cells.area(), queries, neighbours[i]);
-    });
-    double sum = 0;
-    double count = 0;
-    for (const MeanVariance& each : neighbours) {
-        sum += each.mean() * static_cast<double>(each.count());
-        count += static_cast<double>(each.count());
-    }
-    if (count > 0) {
-        report.neighbour = sum / count;
-        report.neighbour_z = (report.neighbour - 1) / std::hypot(1 / std::sqrt(count), cells.area_error() / cells.area());
-    }
+    const MeanVariance neighbours = all_neighbours(cells, sets, queries);
+    report.neighbour = neighbours.mean();
+    report.neighbour_expected = baseline.mean;
+    report.neighbour_z = (report.neighbour - baseline.mean) / std::hypot(neighbours.standard_error(), baseline.error);
     return report;
 }
 

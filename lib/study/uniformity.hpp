@@ -28,6 +28,9 @@ public:
 
     [[nodiscard]] std::size_t count() const { return counts_.size(); }
     [[nodiscard]] std::size_t cell_of(const Vec3& point) const;
+    /// Points of the reference, in the order in which they were found: independent, uniform in area.
+    [[nodiscard]] std::span<const Vec3> sample() const { return sample_; }
+    static constexpr std::size_t kMostSample = 2'000'000;
     /// Points of the reference in each cell, and in all of them.
     [[nodiscard]] std::span<const std::int64_t> counts() const { return counts_; }
     [[nodiscard]] double total() const { return total_; }
@@ -40,6 +43,7 @@ private:
         int axis;
         double at;
     };
+    std::vector<Vec3> sample_;  // at most kMostSample
     std::vector<Cut> cuts_;  // a complete binary tree, its root first
     std::vector<std::int64_t> counts_;
     double total_ = 0, area_ = 0, area_error_ = 0;
@@ -61,11 +65,21 @@ struct UniformityReport {
     /// χ² of the whole repeats' numbers about their mean over their degrees of freedom (1 for Poisson), and its p-value.
     double count_dispersion = 0;
     double count_p = 1;           // two-sided
-    /// Mean of π ρ d², d the distance to the nearest neighbour within a repeat: 1 for a Poisson process; and z of it.
+    /// Mean of π ρ d², d the distance to the nearest neighbour within a repeat: 1 for a Poisson process on a plane. z of its
+    /// difference from `neighbour_expected`.
     double neighbour = 0;
+    double neighbour_expected = 0;
     double neighbour_z = 0;
 };
+/// The neighbours of the reference's own points, in sets as large as those of a sampler: what curvature, edges and other
+/// sheets make of a Poisson process there.
+struct NeighbourBaseline {
+    double mean = 0, error = 0;
+};
+[[nodiscard]] NeighbourBaseline neighbour_baseline(const AreaCells& cells, double points_a_set, std::size_t queries);
+
 /// `queries`: points of each repeat whose neighbours are looked for.
-[[nodiscard]] UniformityReport judge_uniformity(const AreaCells& cells, const PointSets& sets, std::size_t queries);
+[[nodiscard]] UniformityReport judge_uniformity(const AreaCells& cells, const PointSets& sets, std::size_t queries,
+                                                const NeighbourBaseline& baseline);
 
 }  // namespace pellucid
