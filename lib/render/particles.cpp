@@ -120,7 +120,7 @@ namespace {
 /// Squared standard error of a pixel's worst channel, as estimated.
 [[nodiscard]] double squared_error(const EnsembleSums& sums, std::size_t pixel) {
     double worst = 0;
-    for (int c = 0; c < 3; ++c) worst = std::max(worst, sums.variance_of_mean(pixel, c));
+    for (int c = 0; c < 4; ++c) worst = std::max(worst, sums.variance_of_mean(pixel, c));
     // A pixel hit in none or in all of the repeats seems to have no error at all. Laplace's estimate of
     // its share, (hits + 1)/(repeats + 2), does not believe that before 1/n is small.
     const double n = sums.repeats_of(pixel);

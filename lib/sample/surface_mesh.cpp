@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
+#include <numeric>
 #include <memory>
 
 #include <gts.h>
@@ -197,6 +198,30 @@ gint append_face(gpointer item, gpointer data) {
     return 0;
 }
 
+/// GTS keeps its items by their addresses, which differ from run to run: vertices by place, equal ones joined, triangles by
+/// their vertices.
+void put_in_order(TriangleMesh& mesh) {
+    std::vector<std::uint32_t> order(mesh.positions.size());
+    std::iota(order.begin(), order.end(), 0U);
+    const auto before = [](const Vec3& a, const Vec3& b) {
+        return a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
+    };
+    std::sort(order.begin(), order.end(),
+              [&](std::uint32_t a, std::uint32_t b) { return before(mesh.positions[a], mesh.positions[b]); });
+    std::vector<Vec3> positions;
+    std::vector<std::uint32_t> place(order.size());
+    for (const std::uint32_t i : order) {
+        if (positions.empty() || positions.back() != mesh.positions[i]) positions.push_back(mesh.positions[i]);
+        place[i] = static_cast<std::uint32_t>(positions.size() - 1);
+    }
+    mesh.positions = std::move(positions);
+    for (auto& t : mesh.triangles) {
+        for (std::uint32_t& corner : t) corner = place[corner];
+        std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
+    }
+    std::sort(mesh.triangles.begin(), mesh.triangles.end());
+}
+
 [[nodiscard]] bool has_area(const std::vector<Vec3>& positions, const std::array<std::uint32_t, 3>& t) {
     const Vec3 normal = cross(positions[t[1]] - positions[t[0]], positions[t[2]] - positions[t[0]]);
     return dot(normal, normal) > 0;
@@ -240,6 +265,7 @@ SurfaceTriangles tessellate(const Object& object, int cells) {
     std::vector<Vec3>& positions = out.mesh.positions;
     gts_surface_foreach_vertex(found.get(), append_vertex, &positions);
     gts_surface_foreach_face(found.get(), append_face, &out.mesh.triangles);
+    put_in_order(out.mesh);
 
     // On the surface; where f only jumps there is none.
     std::vector<bool> good(positions.size());
