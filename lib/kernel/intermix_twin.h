@@ -35,11 +35,11 @@ TWIN_FN Intermixed intermix(Slab prior, Slab posterior, uint interpolation, uint
 
     // Posterior is cut where prior ends.
     SlabParts cut = split_slab(posterior_rest, begin, prior.z, interpolation);
-    Slab shared = mix_slabs(prior_rest, pick_slab(both_end, posterior_rest, cut.front), mixing);
+    Slab mixture = mix_slabs(prior_rest, pick_slab(both_end, posterior_rest, cut.front), mixing);
     float posterior_d = pick(both_end, posterior.d, thickness_between(min(posterior_front, begin), prior.z));
 
     Intermixed r;
-    r.integrated = slab_over(led.front, shared);
+    r.integrated = slab_over(led.front, mixture);
     r.integrated.z = prior.z;
     r.integrated.d = pick(posterior_front < prior_front, posterior_d, prior.d);
     r.integrated = pick_slab(apart, prior, r.integrated);
