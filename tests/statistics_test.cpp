@@ -200,5 +200,15 @@ TEST(MeanVariance, MergedPartsEqualTheWhole) {
     EXPECT_EQ(MeanVariance{}.standard_error(), 0);
 }
 
+TEST(RankCorrelation, SeesOrderAloneAndSharesRanksOfTies) {
+    const std::vector<double> a{1, 2, 3, 4, 5};
+    EXPECT_DOUBLE_EQ(*rank_correlation(a, std::vector<double>{1, 10, 100, 1000, 1e9}), 1);
+    EXPECT_DOUBLE_EQ(*rank_correlation(a, std::vector<double>{5, 4, 3, 2, -1e9}), -1);
+    // scipy.stats.spearmanr([1, 2, 3, 4, 5], [2, 1, 4, 4, 3]): 0.5642880936468347
+    EXPECT_NEAR(*rank_correlation(a, std::vector<double>{2, 1, 4, 4, 3}), 0.5642880936468347, 1e-12);
+    EXPECT_FALSE(rank_correlation(a, std::vector<double>{7, 7, 7, 7, 7}));
+    EXPECT_FALSE(rank_correlation(std::vector<double>{1.0}, std::vector<double>{1.0}));
+}
+
 }  // namespace
 }  // namespace pellucid

@@ -219,4 +219,32 @@ std::optional<double> quantile(std::span<const double> values, double q) {
 
 std::optional<double> median(std::span<const double> values) { return quantile(values, 0.5); }
 
+std::optional<double> rank_correlation(std::span<const double> a, std::span<const double> b) {
+    assert(a.size() == b.size());
+    const auto ranks = [](std::span<const double> values) {
+        std::vector<std::size_t> order(values.size());
+        std::iota(order.begin(), order.end(), std::size_t{0});
+        std::ranges::sort(order, {}, [&](std::size_t i) { return values[i]; });
+        std::vector<double> rank(values.size());
+        for (std::size_t i = 0; i < order.size();) {
+            std::size_t end = i + 1;
+            while (end < order.size() && values[order[end]] == values[order[i]]) ++end;
+            for (std::size_t k = i; k < end; ++k) rank[order[k]] = 0.5 * static_cast<double>(i + end - 1);
+            i = end;
+        }
+        return rank;
+    };
+    const std::vector<double> x = ranks(a);
+    const std::vector<double> y = ranks(b);
+    const double middle = 0.5 * (static_cast<double>(x.size()) - 1);  // mean of all ranks
+    double xx = 0, yy = 0, xy = 0;
+    for (std::size_t i = 0; i < x.size(); ++i) {
+        xx += (x[i] - middle) * (x[i] - middle);
+        yy += (y[i] - middle) * (y[i] - middle);
+        xy += (x[i] - middle) * (y[i] - middle);
+    }
+    if (!(xx > 0 && yy > 0)) return std::nullopt;
+    return xy / std::sqrt(xx * yy);
+}
+
 }  // namespace pellucid

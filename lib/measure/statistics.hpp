@@ -97,4 +97,8 @@ private:
 [[nodiscard]] std::optional<double> quantile(std::span<const double> values, double q);
 [[nodiscard]] std::optional<double> median(std::span<const double> values);
 
+/// Spearman's rank correlation, ties by their mean rank, [-1, 1]; empty for fewer than two pairs and where one side is
+/// all the same. Precondition: equal lengths, no NaN.
+[[nodiscard]] std::optional<double> rank_correlation(std::span<const double> a, std::span<const double> b);
+
 }  // namespace pellucid
