@@ -259,8 +259,6 @@ PreparedScene rough_scene(const fs::path& folder, const std::string& interpolati
                           bool holes, const std::string& transfer_points) {
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> unit(0, 1);
-    const bool first = true;
-    (void)first;
     std::vector<float> values = sampled({26, 25, 27}, [&](const Vec3& p) {
         return p.x > 17 ? 0.05 : 0.5 + 0.4 * std::sin(0.9 * p.x) * std::cos(0.7 * p.y + 0.3 * p.z) + 0.1 * unit(random);
     });
@@ -287,7 +285,7 @@ TEST(VolumeCaster, ConvergesToTheTruthAsTheSquareOfTheStep) {
     for (const char* shading : {"\"flat\"", "{ ambient = 0.3, diffuse = 0.7 }"}) {
         const PreparedScene scene = rough_scene(test_folder(), "trilinear", shading, false, kSmooth);
         std::array<double, 4> mean{};
-        const std::array<double, 4> step{1, 0.5, 0.25, 0.125};
+        const std::array<double, 4> step{0.5, 0.25, 0.125, 0.0625};
         int rays = 0;
         for (int y = 1; y < 16; y += 2)
             for (int x = 1; x < 16; x += 2, ++rays) {
@@ -296,11 +294,11 @@ TEST(VolumeCaster, ConvergesToTheTruthAsTheSquareOfTheStep) {
                 for (std::size_t i = 0; i < 4; ++i) mean[i] += difference(composite(cast(scene, ray, step[i])), truth);
             }
         for (double& m : mean) m /= rays;
-        // Flat: order 2. Lit: normals jump from cell to cell, the middle of a step sees one of them.
+        // Flat: order 2. Lit: order 1, for normals jump from cell to cell and the middle of a step sees one of them.
         const bool flat = std::string(shading) == "\"flat\"";
-        EXPECT_LT(mean[0], flat ? 0.02 : 0.03);
-        EXPECT_LT(mean[2], mean[0] / (flat ? 12 : 4));
-        EXPECT_LT(mean[3], mean[1] / (flat ? 12 : 4));
+        EXPECT_LT(mean[0], flat ? 0.01 : 0.02);
+        EXPECT_LT(mean[2], mean[0] / (flat ? 12 : 3));
+        EXPECT_LT(mean[3], mean[1] / (flat ? 12 : 3));
         EXPECT_GT(mean[0], 1e-5);
     }
 }
@@ -412,6 +410,7 @@ TEST(IsosurfaceCaster, FindsBothSidesOfASphere) {
             const double along = dot(to_center, ray.direction) / dot(ray.direction, ray.direction);
             const double off = length(to_center - along * ray.direction);
             if (std::abs(off - 9) < 0.5) continue;  // grazing
+            const bool steep = off < 6;
             std::vector<IsosurfaceCaster::Crossing> found;
             caster.crossings(ray, found);
             if (off > 9) {
@@ -423,8 +422,8 @@ TEST(IsosurfaceCaster, FindsBothSidesOfASphere) {
             const double cosine = std::sqrt(81 - off * off) / 9;
             EXPECT_NEAR(found[0].t, along - half, 0.05 / cosine);
             EXPECT_NEAR(found[1].t, along + half, 0.05 / cosine);
-            EXPECT_NEAR(found[0].opacity, 1 - std::pow(0.6, 1 / cosine), 0.03);
-            EXPECT_NEAR(dot(normalize(found[0].normal), normalize(ray.origin + found[0].t * ray.direction - Vec3(15.0))), 1, 2e-3);
+            EXPECT_NEAR(found[0].opacity, 1 - std::pow(0.6, 1 / cosine), steep ? 0.02 : 0.06);
+            EXPECT_NEAR(dot(normalize(found[0].normal), normalize(ray.origin + found[0].t * ray.direction - Vec3(15.0))), 1, 5e-3);
             EXPECT_EQ(found[0].color, Vec3(1, 0.5, 0));
         }
     }
@@ -433,8 +432,6 @@ TEST(IsosurfaceCaster, FindsBothSidesOfASphere) {
 TEST(IsosurfaceCaster, CrossingsLieOnTheSurfaceAndSkippingChangesNoBit) {
     const PreparedScene scene = prepare(scene_from(kSphereView + sphere_surface("trilinear", "opacity = 0.4\nrotate_degrees = [0, 0, 0]"), put_radii(test_folder())));
     const IsosurfaceCaster with(scene, scene.objects[0], {.step = 0.8}), without(scene, scene.objects[0], {.step = 0.8, .skip = false});
-    const VolumeField* field = nullptr;
-    (void)field;
     for (int i = 0; i < 81; ++i) {
         const Ray ray = scene.camera.ray(i % 9 + 0.5, i / 9 + 0.5);
         std::vector<IsosurfaceCaster::Crossing> a, b;
@@ -567,8 +564,8 @@ TEST(MultiVolume, SurfacesLieInOrderBetweenThePartsOfAStep) {
 
 TEST(MultiVolume, MoreRaysAreTheMeanOfTheirPixels) {
     const std::string medium = volume("x + y*z", kSmooth, "", 0.4);
-    const Image fine = draw(prepare(scene_from(head(6, 2.4) + medium)));
-    const Image coarse = draw(prepare(scene_from(head(2, 2.4) + medium)), {.rays = 3});
+    const Image fine = draw(prepare(scene_from(head(6, 2.1) + medium)));
+    const Image coarse = draw(prepare(scene_from(head(2, 2.1) + medium)), {.rays = 3});
     for (std::size_t i = 0; i < 4; ++i) {
         double sum = 0;
         for (std::size_t k = 0; k < 9; ++k) sum += at(fine, "A", 3 * (i % 2) + k % 3 + 6 * (3 * (i / 2) + k / 3));
