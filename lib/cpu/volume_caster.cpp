@@ -83,7 +83,7 @@ double VolumeCaster::value_at(const Progress& p, double t) const {
     return volume_->value(index_at(p, t));
 }
 
-VolumeCaster::Progress VolumeCaster::start(const Ray& ray) const {
+VolumeCaster::Progress VolumeCaster::enter(const Ray& ray) const {
     Progress p{};
     p.ray = ray;
     p.ray_length = length(ray.direction);
@@ -95,9 +95,13 @@ VolumeCaster::Progress VolumeCaster::start(const Ray& ray) const {
     span.keep_clip(ray, volume_->settings().clip);
     p.t = p.t_in = span.lo;
     p.t_out = volume_->bounds().empty() || (settings_.skip && !space_.anything()) ? span.lo : span.hi;
-    if (p.done()) return p;
-    p.k = sample_before(p.t, p.dt);
-    p.value = value_at(p, p.t);
+    if (!p.done()) p.k = sample_before(p.t, p.dt);
+    return p;
+}
+
+VolumeCaster::Progress VolumeCaster::start(const Ray& ray) const {
+    Progress p = enter(ray);
+    if (!p.done()) p.value = value_at(p, p.t);
     return p;
 }
 

@@ -62,6 +62,8 @@ public:
         [[nodiscard]] bool done() const { return !(t < t_out); }
     };
     [[nodiscard]] Progress start(const Ray& ray) const;
+    /// The same without looking at the value where the ray comes in: advance() needs that.
+    [[nodiscard]] Progress enter(const Ray& ray) const;
     /// What lies between the last place and t. Precondition: t_in <= progress.t < t <= t_out.
     [[nodiscard]] twin::Slab advance(Progress& progress, double t) const;
     /// Goes over whole steps that surely show nothing; at the end where nothing comes any more. Leaves `progress` at
