@@ -278,12 +278,19 @@ struct StepLook {
     V3 color;
 };
 
-/// How far what is seen of colour that changes along a depth is in front of its middle: 1/τ − 1/(e^τ − 1) − ½, to
-/// 0.02; and to 2e-3 up to 2.
-[[nodiscard]] HWY_INLINE V front_weight(V depth) {
-    const V thin = hn::Div(depth, add_product(set(12.0F), set(0.2F), hn::Mul(depth, depth)));
-    const V thick = hn::Sub(set(0.5F), hn::Div(set(1.0F), hn::Max(depth, set(1.0F))));
-    return hn::Neg(hn::Max(thin, hn::IfThenElseZero(hn::Gt(depth, set(5.0F)), thick)));
+/// Where colour changes evenly along a part, what is seen of it stands by this share of the part behind its middle:
+/// for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to 0.02, and to 2e-3
+/// up to a depth of 2.
+[[nodiscard]] HWY_INLINE V color_shift(const PieceDepth& piece, V depth) {
+    const V thin = add_product(set(12.0F), set(0.2F), hn::Mul(depth, depth));
+    const V mean = hn::Max(piece.mean, set(1e-30F));
+    V shift = hn::Div(hn::Sub(hn::Mul(piece.skew, thin), hn::Mul(depth, mean)), hn::Mul(mean, thin));
+    const M thick = hn::Gt(depth, set(5.0F));
+    if (HWY_UNLIKELY(!hn::AllFalse(F(), thick))) {
+        const V front = hn::Sub(hn::Div(set(1.0F), depth), set(0.5F));
+        shift = hn::IfThenElse(thick, hn::Add(hn::Div(piece.skew, mean), front), shift);
+    }
+    return clamp(shift, set(-0.5F), set(0.5F));
 }
 
 /// Pre-integration between two values, as cpu/preintegration.hpp; `piece` is that of `from` and becomes that of
@@ -294,8 +301,7 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
     V at = from;
     V clear = set(1.0F);
     const V change = hn::Sub(to, from);
-    const V inverse = hn::Div(set(1.0F), change);
-    for (;;) {
+    for (bool one_piece = true;; one_piece = false) {
         const V begin = look_up(t.begin, t.count, piece), end_of = look_up(t.end, t.count, piece);
         const V end = clamp(to, begin, end_of);
         const M beyond = hn::Ge(to, end_of), before = hn::Lt(to, begin);
@@ -306,15 +312,16 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
         const V x0 = hn::Sub(at, base), x1 = hn::Sub(end, base);
         const V a0 = clamp(add_product(opacity, slope, x0), set(0), set(1.0F));
         const V a1 = clamp(add_product(opacity, slope, x1), set(0), set(1.0F));
-        const V share = hn::IfThenElse(hn::Eq(change, set(0)), set(1.0F), hn::Mul(hn::Sub(end, at), inverse));
+        const bool last = hn::AllFalse(F(), go_on);
+        V share = set(1.0F);
+        if (!one_piece || !last)
+            share = hn::IfThenElse(hn::Eq(change, set(0)), share, hn::Div(hn::Sub(end, at), change));
         const M seen = hn::And(active, hn::And(hn::Gt(hn::Add(a0, a1), set(0)), hn::Gt(share, set(0))));
         if (!hn::AllFalse(F(), seen)) {
             const PieceDepth piece_depth = depth_of(a0, a1);
             V depth = hn::Mul(hn::Mul(piece_depth.mean, steps), share);
             V middle = hn::Mul(set(0.5F), hn::Add(x0, x1));
-            V shift = hn::Div(piece_depth.skew, hn::Max(piece_depth.mean, set(1e-30F)));
-            shift = clamp(hn::Add(shift, front_weight(depth)), set(-0.5F), set(0.5F));
-            middle = add_product(middle, shift, hn::Sub(x1, x0));
+            middle = add_product(middle, color_shift(piece_depth, depth), hn::Sub(x1, x0));
             if (t.ever_opaque) {
                 const M blocks = hn::Ge(hn::Min(a0, a1), set(1.0F));
                 depth = hn::IfThenElse(blocks, set(kBlocks), depth);
@@ -335,7 +342,7 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
             look.opacity = hn::Add(look.opacity, weight);
             clear = hn::Mul(clear, hn::Sub(set(1.0F), alpha));
         }
-        if (hn::AllFalse(F(), go_on)) break;
+        if (last) break;
         active = go_on;
         const I s;
         piece = hn::Sub(piece, hn::VecFromMask(s, hn::RebindMask(s, hn::And(go_on, beyond))));
