@@ -103,6 +103,19 @@ private:
     std::uint64_t steps_;
 };
 
+/// Trilinear samples of a cube of uint8, one voxel apart on the rays of an oblique view that it fills.
+class TrilinearProbe {
+public:
+    /// samples³, pixels² (a multiple of 4); value(i, j, k).
+    TrilinearProbe(int samples, int pixels, std::uint8_t (*value)(int, int, int));
+    /// On all threads; returns how many samples lay inside of the cube.
+    std::uint64_t run() const;
+
+private:
+    int samples_, pixels_, blocks_;
+    std::vector<std::uint8_t> data_;
+};
+
 /// memcpy on all threads.
 class CopyProbe {
 public:

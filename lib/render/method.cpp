@@ -6,7 +6,7 @@
 namespace pellucid {
 
 const std::vector<Method>& methods() {
-    static const std::vector<Method> all{particles_method(), reference_method()};
+    static const std::vector<Method> all{particles_method(), mdvr_method(), reference_method()};
     return all;
 }
 

@@ -5,6 +5,7 @@
 
 namespace pellucid {
 
+[[nodiscard]] Method mdvr_method();
 [[nodiscard]] Method particles_method();
 [[nodiscard]] Method reference_method();
 
