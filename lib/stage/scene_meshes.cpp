@@ -70,11 +70,15 @@ std::size_t ObjectMesh::bytes() const {
     return sizeof(Vec3) * (view.size() + mesh->positions.size() + mesh->normals.size()) + 12 * mesh->triangles.size();
 }
 
-SceneMeshes::SceneMeshes(const PreparedScene& scene, const TessellationSettings& settings) {
+SceneMeshes::SceneMeshes(const PreparedScene& scene, const TessellationSettings& settings,
+                         const std::function<bool(const Object&)>& takes) {
     std::size_t count = 0;
     for (std::size_t i = 0; i < scene.objects.size(); ++i) {
         first_.push_back(static_cast<std::uint32_t>(count));
-        objects_.push_back(mesh_of(scene, i, settings));
+        if (!takes || takes(scene.objects[i]))
+            objects_.push_back(mesh_of(scene, i, settings));
+        else
+            objects_.push_back({.object = static_cast<std::uint32_t>(i), .mesh = std::make_shared<TriangleMesh>(), .view = {}});
         count += objects_.back().mesh->triangles.size();
         if (count > std::numeric_limits<std::uint32_t>::max())
             throw input_error("{}: more than 2^32 triangles", scene.settings.source);
@@ -98,11 +102,13 @@ std::size_t SceneMeshes::bytes() const {
     return sum;
 }
 
-MeshPlan plan_meshes(const PreparedScene& scene, const TessellationSettings& settings) {
+MeshPlan plan_meshes(const PreparedScene& scene, const TessellationSettings& settings,
+                     const std::function<bool(const Object&)>& takes) {
     constexpr int kCoarse = 16;
     constexpr double kBytesATriangle = 12 + 0.5 * 3 * sizeof(Vec3);  // half a vertex each
     MeshPlan plan;
     for (const Object& object : scene.objects) {
+        if (takes && !takes(object)) continue;
         ++plan.objects;
         const SurfaceGeometry& geometry = *object.geometry;
         if (geometry.mesh() != nullptr) {

@@ -9,6 +9,7 @@
 
 #include <array>
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 #include <vector>
@@ -41,7 +42,9 @@ struct ObjectMesh {
 class SceneMeshes {
 public:
     /// Where the cells that `error_px` asks for are more than kMostMeshCells, the error that is left is warned of.
-    SceneMeshes(const PreparedScene& scene, const TessellationSettings& settings);
+    ///   takes  objects that are to have triangles; absent: all
+    SceneMeshes(const PreparedScene& scene, const TessellationSettings& settings,
+                const std::function<bool(const Object&)>& takes = {});
 
     [[nodiscard]] const std::vector<ObjectMesh>& objects() const { return objects_; }
     [[nodiscard]] std::size_t triangle_count() const { return first_.back(); }
@@ -63,6 +66,7 @@ struct MeshPlan {
     double triangles = 0;
     std::int64_t bytes = 0;
 };
-[[nodiscard]] MeshPlan plan_meshes(const PreparedScene& scene, const TessellationSettings& settings);
+[[nodiscard]] MeshPlan plan_meshes(const PreparedScene& scene, const TessellationSettings& settings,
+                                   const std::function<bool(const Object&)>& takes = {});
 
 }  // namespace pellucid
