@@ -59,13 +59,14 @@ struct Pixels {
 template <bool lanes, SlabInterpolation interpolation, SlabMixing mixing>
 void merge_in_cache(benchmark::State& state) {
     const SlabSettings settings{.interpolation = interpolation, .mixing = mixing, .opaque_at = 2};
+    const SlabMergeLanes merger(settings);
     std::uint64_t merges = 0;
     for (auto _ : state)
         on_both_threads([&] {
             Pixels pixels;
             std::uint64_t count = 0;
             for (int round = 0; round < kRounds; ++round) {
-                if (lanes) merge_many(pixels.jobs, settings);
+                if (lanes) merger.merge(pixels.jobs);
                 else
                     for (SlabMergeJob& job : pixels.jobs) job.count = merge_arrays(job.a, job.b, settings, job.out);
                 for (const SlabMergeJob& job : pixels.jobs) count += job.count;

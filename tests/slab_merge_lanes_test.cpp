@@ -31,7 +31,7 @@ TEST(SlabMergeLanes, HaveTheBitsOfOnePixelAtATime) {
                         out[i].resize(a[i].size() + b[i].size());
                         jobs.push_back({a[i], b[i], out[i]});
                     }
-                    merge_many(jobs, settings);
+                    SlabMergeLanes(settings).merge(jobs);
                     for (std::size_t i = 0; i < a.size(); ++i) {
                         out[i].resize(jobs[i].count);
                         ASSERT_EQ(out[i], merge_arrays(a[i], b[i], settings)) << target << " " << i;
@@ -51,7 +51,7 @@ TEST(SlabMergeLanes, AnyNumberOfJobs) {
             out[i].resize(a[i].size() + b[i].size());
             jobs[i] = {a[i], b[i], out[i]};
         }
-        merge_many(jobs, {});
+        SlabMergeLanes({}).merge(jobs);
         for (std::size_t i = 0; i < count; ++i) {
             out[i].resize(jobs[i].count);
             ASSERT_EQ(out[i], merge_arrays(a[i], b[i], {}));

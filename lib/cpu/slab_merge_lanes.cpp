@@ -29,12 +29,16 @@ struct SlabLanes {
     }
 };
 
+}  // namespace
+
 /// The heads of 16 pairs of arrays, and one step of all.
-struct Step {
+struct SlabMergeLanes::State {
     SlabLanes a, b, out;
     alignas(64) std::array<float, kLanes> transmittance;
     alignas(64) std::array<std::uint32_t, kLanes> a_used, b_used;
 };
+
+namespace {
 
 // The compiler makes the loop SIMD code of the function's target; twin functions have no branches and, without
 // contraction, the same bits at any width.
@@ -49,60 +53,60 @@ struct Step {
         s.transmittance[i] *= 1.0F - r.out_slab.a;                                                            \
     }
 
-template <twin::uint interpolation, twin::uint mixing>
-__attribute__((flatten)) void step_plain(Step& s) {
+template <class State, twin::uint interpolation, twin::uint mixing>
+__attribute__((flatten)) void step_plain(State& s) {
     PELLUCID_STEP_LOOP
 }
 #ifdef __x86_64__
-template <twin::uint interpolation, twin::uint mixing>
-__attribute__((flatten, target("avx2"))) void step_avx2(Step& s) {
+template <class State, twin::uint interpolation, twin::uint mixing>
+__attribute__((flatten, target("avx2"))) void step_avx2(State& s) {
     PELLUCID_STEP_LOOP
 }
-template <twin::uint interpolation, twin::uint mixing>
+template <class State, twin::uint interpolation, twin::uint mixing>
 __attribute__((flatten, target("avx512f,avx512bw,avx512dq,avx512vl,prefer-vector-width=512"))) void step_avx512(
-    Step& s) {
+    State& s) {
     PELLUCID_STEP_LOOP
 }
 #endif
 #undef PELLUCID_STEP_LOOP
 
-using StepFunction = void (*)(Step&);
-
-template <twin::uint interpolation, twin::uint mixing>
-[[nodiscard]] StepFunction best_step() {
+template <class State, twin::uint interpolation, twin::uint mixing>
+[[nodiscard]] auto best_step() -> void (*)(State&) {
 #ifdef __x86_64__
     const std::int64_t targets = hwy::SupportedTargets();
     const std::int64_t best = targets & -targets;  // better ones have lower bits
-    if (best <= HWY_AVX3) return step_avx512<interpolation, mixing>;
-    if (best <= HWY_AVX2) return step_avx2<interpolation, mixing>;
+    if (best <= HWY_AVX3) return step_avx512<State, interpolation, mixing>;
+    if (best <= HWY_AVX2) return step_avx2<State, interpolation, mixing>;
 #endif
-    return step_plain<interpolation, mixing>;
+    return step_plain<State, interpolation, mixing>;
 }
 
-template <twin::uint interpolation>
-[[nodiscard]] StepFunction best_step(SlabMixing mixing) {
-    if (mixing == SlabMixing::average) return best_step<interpolation, twin::kMixAverage>();
-    if (mixing == SlabMixing::normalised) return best_step<interpolation, twin::kMixNormalised>();
-    return best_step<interpolation, twin::kMixExtinction>();
+template <class State, twin::uint interpolation>
+[[nodiscard]] auto best_step(SlabMixing mixing) {
+    if (mixing == SlabMixing::average) return best_step<State, interpolation, twin::kMixAverage>();
+    if (mixing == SlabMixing::normalised) return best_step<State, interpolation, twin::kMixNormalised>();
+    return best_step<State, interpolation, twin::kMixExtinction>();
 }
 
-[[nodiscard]] StepFunction best_step(const SlabSettings& settings) {
+template <class State>
+[[nodiscard]] auto best_step(const SlabSettings& settings) {
     if (settings.interpolation == SlabInterpolation::modified)
-        return best_step<twin::kInterpolateModified>(settings.mixing);
+        return best_step<State, twin::kInterpolateModified>(settings.mixing);
     if (settings.interpolation == SlabInterpolation::original)
-        return best_step<twin::kInterpolateOriginal>(settings.mixing);
-    return best_step<twin::kInterpolateTextbook>(settings.mixing);
+        return best_step<State, twin::kInterpolateOriginal>(settings.mixing);
+    return best_step<State, twin::kInterpolateTextbook>(settings.mixing);
 }
+
+}  // namespace
 
 /// Gives each lane a job, and another one when that is done.
-class LaneScheduler {
+class SlabMergeLanes::Run {
 public:
-    LaneScheduler(std::span<SlabMergeJob> jobs, const SlabSettings& settings)
-        : jobs_(jobs), step_(best_step(settings)), least_(1.0F - settings.opaque_at) {
+    Run(std::span<SlabMergeJob> jobs, StepFunction step, float least) : jobs_(jobs), step_(step), least_(least) {
         for (std::size_t lane = 0; lane < kLanes; ++lane) take_job(lane);
     }
 
-    void run() {
+    void finish() {
         while (busy_ > 0) {
             step_(state_);
             for (std::size_t lane = 0; lane < kLanes; ++lane)
@@ -186,11 +190,12 @@ private:
     std::size_t next_ = 0;
     std::size_t busy_ = 0;
     std::array<Cursor, kLanes> cursors_;
-    Step state_;
+    State state_;
 };
 
-}  // namespace
+SlabMergeLanes::SlabMergeLanes(const SlabSettings& settings)
+    : step_(best_step<State>(settings)), least_(1.0F - settings.opaque_at) {}
 
-void merge_many(std::span<SlabMergeJob> jobs, const SlabSettings& settings) { LaneScheduler(jobs, settings).run(); }
+void SlabMergeLanes::merge(std::span<SlabMergeJob> jobs) const { Run(jobs, step_, least_).finish(); }
 
 }  // namespace pellucid

@@ -17,7 +17,22 @@ struct SlabMergeJob {
     std::size_t count = 0;      // of slabs in it, when done
 };
 
-/// All of the jobs on the calling thread. As fast as can be where jobs are about equally long or many.
-void merge_many(std::span<SlabMergeJob> jobs, const SlabSettings& settings);
+/// Which code this machine takes is found out once, when this is made.
+class SlabMergeLanes {
+public:
+    explicit SlabMergeLanes(const SlabSettings& settings);
+
+    /// All of the jobs on the calling thread; any number of threads may call. As fast as can be where jobs are many: lanes
+    /// stand idle at the end.
+    void merge(std::span<SlabMergeJob> jobs) const;
+
+private:
+    struct State;
+    class Run;
+    using StepFunction = void (*)(State&);
+
+    StepFunction step_;
+    float least_;
+};
 
 }  // namespace pellucid
