@@ -15,6 +15,7 @@
 #include <fmt/format.h>
 
 #include "bench/probes.hpp"
+#include "bench/slab_bench.hpp"
 #include "bench/workloads.hpp"
 #include "core/error.hpp"
 #include "core/parallel.hpp"
@@ -367,6 +368,7 @@ void register_all() {
         once(RegisterBenchmark("sample/head", sample<head<Interpolation::trilinear>, LineMode::exact>));
         once(RegisterBenchmark("sample/head_catmull_rom", sample<head<Interpolation::catmull_rom>, LineMode::exact>));
     }
+    register_slab_benchmarks();
     thrice(RegisterBenchmark("truth/probe", embree_probe));
     thrice(RegisterBenchmark("truth/gather", gather_all_hits));
     once(RegisterBenchmark("truth/sextic_512", trace_formula));

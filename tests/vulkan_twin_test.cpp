@@ -10,11 +10,13 @@
 
 #include <gtest/gtest.h>
 
+#include "kernel/intermix_twin.h"
 #include "kernel/math_twin.h"
 #include "kernel/normal_twin.h"
 #include "kernel/projection_twin.h"
 #include "sample/particle_set.hpp"
 #include "render/backend.hpp"
+#include "slab_testing.hpp"
 #include "vulkan/device.hpp"
 
 namespace pellucid::vulkan {
@@ -26,6 +28,7 @@ constexpr std::uint32_t kTwinProbe[] = {
 
 // The shader's scalar layout is that of C++.
 static_assert(sizeof(twin::Particle) == 16 && sizeof(twin::PixelDepth) == 12 && sizeof(twin::Vec3f) == 12);
+static_assert(sizeof(twin::MergeStep) == 80 && offsetof(twin::MergeStep, a_used) == 72);
 static_assert(offsetof(twin::Projection, near_bits) == 32 && offsetof(twin::Projection, height) == 56);
 
 /// Push constants of twin_probe.comp.glsl.
@@ -33,7 +36,7 @@ struct ProbePush {
     std::uint64_t view, inputs, results;
     std::uint32_t count, unused;
 };
-enum Operation : std::uint32_t { project, pack, unpack, quickly, in_view, first_of_maths };
+enum Operation : std::uint32_t { project, pack, unpack, quickly, in_view, first_of_maths, first_of_merges = 17 };
 
 template <class Result, class Input>
 [[nodiscard]] std::vector<Result> on_device(const Device& device, Operation operation,
@@ -222,6 +225,54 @@ TEST_F(TwinsOnVulkan, MathsHaveEqualBits) {
             different += results[i] != twin::floatBitsToUint(f.of(twin::uintBitsToFloat(words[i]))) ? 1 : 0;
         EXPECT_EQ(different, 0) << f.name;
     }
+}
+
+struct SlabPair {
+    twin::Slab a, b;
+};
+/// Random and awkward ones; a device may flush subnormal numbers, so no opacity is so small that its parts are.
+[[nodiscard]] std::vector<SlabPair> many_slab_pairs() {
+    testing_slabs::RandomSlabs random(11);
+    std::vector<SlabPair> pairs;
+    while (pairs.size() < 1U << 16U) {
+        SlabPair pair{random.slab(), random.slab()};
+        if (pairs.size() % 7 == 0) pair.a.d = random.one_of(testing_slabs::kThicknesses);
+        if (pairs.size() % 5 == 0) pair.b.d = random.one_of(testing_slabs::kThicknesses);
+        for (twin::Slab* s : {&pair.a, &pair.b})
+            if (s->a < 1e-20F) s->a = s->r = s->g = s->b = 0;
+        pairs.push_back(pair);
+    }
+    return pairs;
+}
+
+/// Subnormal numbers as zero.
+[[nodiscard]] twin::MergeStep flushed(twin::MergeStep step) {
+    for (twin::Slab* s : {&step.out_slab, &step.a, &step.b})
+        for (float* v : {&s->z, &s->d, &s->r, &s->g, &s->b, &s->a})
+            if (std::fpclassify(*v) == FP_SUBNORMAL) *v = 0;
+    return step;
+}
+
+TEST_F(TwinsOnVulkan, SlabsMergeToEqualBits) {
+    const std::vector<SlabPair> pairs = many_slab_pairs();
+    for (std::uint32_t interpolation = 0; interpolation < 3; ++interpolation)
+        for (std::uint32_t mixing = 0; mixing < 3; ++mixing) {
+            const auto operation = static_cast<Operation>(first_of_merges + 3 * interpolation + mixing);
+            const auto results = on_device<twin::MergeStep>(device(), operation, pairs);
+            int different = 0;
+            int overlapping = 0;
+            for (std::size_t i = 0; i < pairs.size(); ++i) {
+                const twin::MergeStep expected =
+                    flushed(twin::merge_step(pairs[i].a, pairs[i].b, interpolation, mixing));
+                const twin::MergeStep seen = flushed(results[i]);
+                if (std::memcmp(&seen, &expected, sizeof(seen)) != 0 && different++ < 3)
+                    ADD_FAILURE() << pairs[i].a << pairs[i].b << "\n" << seen.out_slab << seen.a << "\n"
+                                  << expected.out_slab << expected.a;
+                overlapping += expected.out_slab.a != pairs[i].a.a && expected.out_slab.a != pairs[i].b.a ? 1 : 0;
+            }
+            EXPECT_EQ(different, 0) << interpolation << " " << mixing;
+            EXPECT_GT(overlapping, 1 << 14);
+        }
 }
 
 }  // namespace

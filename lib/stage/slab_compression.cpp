@@ -32,8 +32,6 @@ template <class Real>
 
 /// G of (2.6); of a surface: as large as can be.
 constexpr float kSteepest = 1e30F;
-/// A transmittance that no colour survives; products with it are normal numbers.
-constexpr float kNothing = 1e-30F;
 /// What lets two slabs of different slopes never merge by slope: a gap between them.
 constexpr float kNever = std::numeric_limits<float>::infinity();
 
@@ -42,6 +40,20 @@ constexpr float kNever = std::numeric_limits<float>::infinity();
     s.d = twin::thickness_between(twin::slab_front(a), b.z);
     s.z = b.z;
     return s;
+}
+
+[[nodiscard]] std::vector<Slab> compress_by_tail(std::span<const Slab> slabs, std::size_t most) {
+    std::vector<Slab> kept(slabs.begin(), slabs.begin() + static_cast<std::ptrdiff_t>(most));
+    for (const Slab& slab : slabs.subspan(most)) kept.back() = joined(kept.back(), slab);
+    return kept;
+}
+
+[[nodiscard]] std::vector<Slab> compress_by_slope(std::span<const Slab> slabs, std::size_t most) {
+    SlabCollector collector({.layers = static_cast<int>(most) + 1, .compression = SlabCompression::slope, .opaque_at = 1});
+    collector.start();
+    for (const Slab& slab : slabs) (void)collector.push(slab);
+    const auto kept = collector.finish();
+    return {kept.begin(), kept.end()};
 }
 
 /// Least cost first, by a heap whose outdated entries are skipped.
@@ -104,15 +116,12 @@ double merging_cost(const Slab& a, const Slab& b, double before) {
 std::vector<Slab> compress_slabs(std::span<const Slab> slabs, std::size_t most, SlabCompression compression) {
     assert(most >= 1);
     if (slabs.size() <= most) return {slabs.begin(), slabs.end()};
-    if (compression == SlabCompression::transmittance) return compress_by_cost(slabs, most);
-    SlabSettings settings;
-    settings.layers = static_cast<int>(most) + 1;
-    settings.compression = compression;
-    SlabCollector collector(settings);
-    collector.start();
-    for (const Slab& slab : slabs) collector.push(slab);
-    const auto kept = collector.finish();
-    return {kept.begin(), kept.end()};
+    switch (compression) {
+        case SlabCompression::tail: return compress_by_tail(slabs, most);
+        case SlabCompression::slope: return compress_by_slope(slabs, most);
+        case SlabCompression::transmittance: break;
+    }
+    return compress_by_cost(slabs, most);
 }
 
 SlabCollector::SlabCollector(const SlabSettings& settings)
@@ -121,104 +130,105 @@ SlabCollector::SlabCollector(const SlabSettings& settings)
       least_(std::max(1.0F - settings.opaque_at, kNothing)) {
     const bool looks_ahead = compression_ == SlabCompression::transmittance;
     nodes_.resize(looks_ahead ? std::max<std::size_t>(2 * most_, 8) : most_);
+    costs_.resize(nodes_.size());
     slabs_.resize(nodes_.size());
 }
 
-float SlabCollector::cost_with_gap(const Node& a, const Node& b) {
-    const float gap = std::max(0.0F, twin::slab_front(b.slab) - a.slab.z);
-    return area_to_chord(a.slab.d, gap, b.slab.d, a.drop(), b.drop());
+float SlabCollector::cost_with_gap(const Fall& a, float gap, const Fall& b) {
+    return area_to_chord(a.d, std::max(gap, 0.0F), b.d, a.drop, b.drop);
 }
 
-float SlabCollector::slope_change(const Node& a, const Node& b) {
-    if (twin::slab_front(b.slab) - a.slab.z > kTouching * b.slab.d) return kNever;
-    const auto slope = [](const Node& n) {
-        return n.slab.d > 0 ? std::min(n.drop() / n.slab.d, kSteepest) : kSteepest;
-    };
+/// |G_i − G_{i−1}| of (2.6) for slabs that touch.
+float SlabCollector::change_of_slope(const Fall& a, float gap, const Fall& b) {
+    if (gap > kTouching * b.d) return kNever;
+    const auto slope = [](const Fall& f) { return f.d > 0 ? std::min(f.drop / f.d, kSteepest) : kSteepest; };
     return std::abs(slope(b) - slope(a));
 }
 
 /// `tail` and `slope`.
-bool SlabCollector::joins_otherwise(Node& last, const Node& node) {
-    const bool full = count_ == most_;
+bool SlabCollector::joins_otherwise(const Slab& s, const Seen& seen) {
+    bool joins = count_ + 1 == most_;
     if (compression_ == SlabCompression::slope) {
-        const float change = slope_change(last, node);
-        if (!(change < tolerance_) || change == kNever) return full && makes_room_by_slope(last, node);
-    } else if (!full) {
-        return false;
+        const float length = open_.z - open_.front;
+        joins = change_of_slope({length, open_.drop}, twin::slab_front(s) - open_.z, {s.d, seen.drop}) < tolerance_;
     }
-    join(last, node);
-    return true;
+    if (joins) join(s, seen);
+    return joins;
 }
 
-/// False where neighbours before the last have merged: then there is room.
-bool SlabCollector::makes_room_by_slope(Node& last, const Node& node) {
-    std::size_t best = count_ - 1;  // the last with the new one
-    float least = slope_change(last, node);
-    for (std::size_t i = 0; i + 1 < count_; ++i) {
-        const float change = slope_change(nodes_[i], nodes_[i + 1]);
-        if (change < least) {
-            least = change;
-            best = i;
+/// The slab did not join the open one: that closes, unless there is no room, and by the slope rule no other pair is
+/// better.
+void SlabCollector::open_another(const Slab& s, const Seen& seen) {
+    close();
+    if (compression_ == SlabCompression::slope && count_ == most_) {
+        std::size_t best = count_ - 1;  // the last with the new one
+        float least = kNever;
+        for (std::size_t i = 0; i < count_; ++i) {
+            const Node& a = nodes_[i];
+            const bool last = i + 1 == count_;
+            const Slab& next = last ? s : nodes_[i + 1].slab;
+            const float drop = last ? seen.drop : nodes_[i + 1].before * next.a;
+            const float change = change_of_slope({a.slab.d, a.before * a.slab.a},
+                                                 twin::slab_front(next) - a.slab.z, {next.d, drop});
+            if (change < least) {
+                least = change;
+                best = i;
+            }
         }
+        if (least < kNever) tolerance_ = std::max(tolerance_, least);
+        if (best + 1 == count_) {
+            const Node& last = nodes_[--count_];
+            open(last.slab, last.before, 0.0F);
+            return join(s, seen);
+        }
+        merge_pair(best);
     }
-    if (least < kNever) tolerance_ = std::max(tolerance_, least);
-    if (best == count_ - 1) {
-        join(last, node);
-        return true;
-    }
-    merge_pair(best);
-    return false;
+    open(s, seen.before, 0.0F);
+}
+
+void SlabCollector::close() {
+    if (count_ == nodes_.size()) sweep();
+    Node& node = nodes_[count_++];
+    node = {open_.first, open_.before, open_.error};
+    if (open_.slabs == 1) return;
+    const float inverse = 1.0F / open_.before;
+    node.slab = {open_.z, twin::thickness_between(open_.front, open_.z), open_.r * inverse, open_.g * inverse,
+                 open_.b * inverse, std::min(open_.drop * inverse, 1.0F)};
 }
 
 void SlabCollector::merge_pair(std::size_t i) {
-    Node& a = nodes_[i];
-    const Node& b = nodes_[i + 1];
-    a.error += b.error + cost(a, b);
-    join(a, b);
-    std::copy(nodes_.begin() + static_cast<std::ptrdiff_t>(i) + 2, nodes_.begin() + static_cast<std::ptrdiff_t>(count_),
-              nodes_.begin() + static_cast<std::ptrdiff_t>(i) + 1);
+    nodes_[i].slab = joined(nodes_[i].slab, nodes_[i + 1].slab);
+    const auto at = nodes_.begin() + static_cast<std::ptrdiff_t>(i);
+    std::copy(at + 2, nodes_.begin() + static_cast<std::ptrdiff_t>(count_), at + 1);
     --count_;
 }
 
-void SlabCollector::merge_cheapest_pair() {
-    std::size_t best = 0;
-    float least = kNever;
-    for (std::size_t i = 0; i + 1 < count_; ++i) {
-        const float c = cost(nodes_[i], nodes_[i + 1]);
-        if (c < least) {
-            least = c;
-            best = i;
-        }
-    }
-    merge_pair(best);
-}
+/// Four times the mean of those costs that are not above the mean of all, about the lower half: after four sweeps a
+/// ray of 256 steps has its tolerance. A factor of one takes twelve, and keeps no better curve.
+constexpr float kToleranceStep = 4.0F;
 
-/// ε rises to the mean of those costs that are not above the mean of all: about the lower half. The least one is
-/// among them, so that there is room after the sweep.
+/// ε rises. The least cost is within it, so that there is room after the sweep.
 void SlabCollector::sweep() {
-    const auto cost_at = [&](std::size_t i) {
-        return nodes_[i].error + nodes_[i + 1].error + cost(nodes_[i], nodes_[i + 1]);
-    };
     float sum = 0;
     float least = kNever;
     for (std::size_t i = 0; i + 1 < count_; ++i) {
-        sum += cost_at(i);
-        least = std::min(least, cost_at(i));
+        costs_[i] = nodes_[i].error + nodes_[i + 1].error + cost_of(nodes_[i], nodes_[i + 1]);
+        sum += costs_[i];
+        least = std::min(least, costs_[i]);
     }
     const float mean = sum / static_cast<float>(count_ - 1);
     float low_sum = 0;
     float low_count = 0;
     for (std::size_t i = 0; i + 1 < count_; ++i) {
-        const float c = cost_at(i);
-        low_sum += c <= mean ? c : 0.0F;
-        low_count += c <= mean ? 1.0F : 0.0F;
+        low_sum += costs_[i] <= mean ? costs_[i] : 0.0F;
+        low_count += costs_[i] <= mean ? 1.0F : 0.0F;
     }
-    tolerance_ = std::max({tolerance_, least, low_sum / std::max(low_count, 1.0F)});
+    tolerance_ = std::max({tolerance_, least, kToleranceStep * low_sum / std::max(low_count, 1.0F)});
     std::size_t kept = 0;
     for (std::size_t i = 1; i < count_; ++i) {
-        const float error = nodes_[kept].error + nodes_[i].error + cost(nodes_[kept], nodes_[i]);
+        const float error = nodes_[kept].error + nodes_[i].error + cost_of(nodes_[kept], nodes_[i]);
         if (error <= tolerance_) {
-            join(nodes_[kept], nodes_[i]);
+            nodes_[kept].slab = joined(nodes_[kept].slab, nodes_[i].slab);
             nodes_[kept].error = error;
         } else {
             nodes_[++kept] = nodes_[i];
@@ -227,8 +237,24 @@ void SlabCollector::sweep() {
     count_ = kept + 1;
 }
 
+/// Pair by pair, the least cost first, as many as fit.
+void SlabCollector::keep_dearest() {
+    for (std::size_t i = 0; i + 1 < count_; ++i) costs_[i] = cost_of(nodes_[i], nodes_[i + 1]);
+    while (count_ > most_) {
+        const auto last = costs_.begin() + static_cast<std::ptrdiff_t>(count_) - 1;
+        const auto least = std::min_element(costs_.begin(), last);
+        const auto best = static_cast<std::size_t>(least - costs_.begin());
+        merge_pair(best);
+        std::copy(least + 1, last, least);
+        if (best > 0) costs_[best - 1] = cost_of(nodes_[best - 1], nodes_[best]);
+        if (best + 1 < count_) costs_[best] = cost_of(nodes_[best], nodes_[best + 1]);
+    }
+}
+
 std::span<const Slab> SlabCollector::finish() {
-    while (count_ > most_) merge_cheapest_pair();
+    if (open_.slabs > 0) close();
+    open_.slabs = 0;
+    if (count_ > most_) keep_dearest();
     for (std::size_t i = 0; i < count_; ++i) slabs_[i] = nodes_[i].slab;
     return {slabs_.data(), count_};
 }

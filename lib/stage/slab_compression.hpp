@@ -43,16 +43,19 @@ public:
     /// Begins a ray.
     void start() {
         count_ = 0;
+        open_.slabs = 0;
         before_ = 1.0F;
         tolerance_ = 0.0F;
     }
 
-    /// False once the accumulated opacity is settings.opaque_at or more: no more slabs matter.
-    /// Precondition: not in front of the slabs before it.
+    /// False once the accumulated opacity is settings.opaque_at or more: no more slabs matter, and behind a
+    /// transmittance of 1e-30 none is taken. Precondition: not in front of the slabs before it.
     bool push(const twin::Slab& slab) {
-        const Node node{slab, before_, 0.0F};
+        const Seen seen{before_, before_ * slab.a};
+        if (seen.before <= kNothing) return false;
         before_ *= 1.0F - slab.a;
-        if (count_ == 0 || !joins_last(node)) append(node);
+        if (open_.slabs == 0) open(slab, seen.before, 0.0F);
+        else if (!joins(slab, seen)) open_another(slab, seen);
         return before_ > least_;
     }
 
@@ -60,63 +63,82 @@ public:
     [[nodiscard]] std::span<const twin::Slab> finish();
 
 private:
+    /// A transmittance that no colour survives; products with it are normal numbers.
+    static constexpr float kNothing = 1e-30F;
+    /// Steps of a ray touch but for rounding.
+    static constexpr float kTouching = 1.0F / 64;
+
+    /// What the eye gets of a slab: the transmittance in front of it and what it takes of that.
+    struct Seen {
+        float before, drop;
+    };
     struct Node {
         twin::Slab slab;
         float before;  // transmittance in front of it
         float error;   // what merging within it has cost
-
-        [[nodiscard]] float drop() const { return before * slab.a; }
+    };
+    /// The last slab, which others may join: sums of what reaches the eye, since sums are quick.
+    struct Open {
+        float front, z;
+        float before, drop, r, g, b;
+        float error;
+        std::size_t slabs;  // in it
+        twin::Slab first;
     };
 
-    static void join(Node& a, const Node& b) {
-        const float front = twin::slab_front(a.slab);
-        a.slab = twin::slab_over(a.slab, b.slab);
-        a.slab.d = twin::thickness_between(front, b.slab.z);
-        a.slab.z = b.slab.z;
+    void open(const twin::Slab& s, float before, float error) {
+        open_ = {twin::slab_front(s), s.z, before, before * s.a, before * s.r, before * s.g, before * s.b, error, 1, s};
+    }
+    void join(const twin::Slab& s, const Seen& seen) {
+        open_.z = s.z;
+        open_.drop += seen.drop;
+        open_.r += seen.before * s.r;
+        open_.g += seen.before * s.g;
+        open_.b += seen.before * s.b;
+        ++open_.slabs;
     }
 
-    [[nodiscard]] bool joins_last(const Node& node) {
-        Node& last = nodes_[count_ - 1];
-        if (compression_ == SlabCompression::transmittance) {
-            const float error = last.error + cost(last, node);
-            if (!(error <= tolerance_)) return false;
-            join(last, node);
-            last.error = error;
-            return true;
-        }
-        return joins_otherwise(last, node);
+    [[nodiscard]] bool joins(const twin::Slab& s, const Seen& seen) {
+        if (compression_ != SlabCompression::transmittance) return joins_otherwise(s, seen);
+        const float cost = cost_of({open_.z - open_.front, open_.drop}, twin::slab_front(s) - open_.z, {s.d, seen.drop});
+        const float error = open_.error + cost;
+        if (!(error <= tolerance_)) return false;
+        join(s, seen);
+        open_.error = error;
+        return true;
     }
 
-    void append(const Node& node) {
-        if (count_ == nodes_.size()) sweep();
-        nodes_[count_++] = node;
+    [[nodiscard]] bool joins_otherwise(const twin::Slab& s, const Seen& seen);
+    /// Area of merging two slabs with a gap between them: of two that touch it is the triangle over the chord, without
+    /// a division.
+    struct Fall {
+        float d, drop;
+    };
+    [[nodiscard]] static float cost_of(const Fall& a, float gap, const Fall& b) {
+        if (gap <= kTouching * b.d) return 0.5F * std::abs(b.d * a.drop - a.d * b.drop);
+        return cost_with_gap(a, gap, b);
     }
-
-    /// Of two neighbours that touch it is the triangle over the chord, without a division.
-    [[nodiscard]] static float cost(const Node& a, const Node& b) {
-        const float gap = twin::slab_front(b.slab) - a.slab.z;
-        if (gap <= kTouching * b.slab.d) return 0.5F * std::abs(b.slab.d * a.drop() - a.slab.d * b.drop());
-        return cost_with_gap(a, b);
+    [[nodiscard]] static float cost_of(const Node& a, const Node& b) {
+        return cost_of({a.slab.d, a.before * a.slab.a}, twin::slab_front(b.slab) - a.slab.z,
+                       {b.slab.d, b.before * b.slab.a});
     }
-
-    [[nodiscard]] static float cost_with_gap(const Node& a, const Node& b);
-    [[nodiscard]] static float slope_change(const Node& a, const Node& b);
-    [[nodiscard]] bool joins_otherwise(Node& last, const Node& node);
-    [[nodiscard]] bool makes_room_by_slope(Node& last, const Node& node);
+    [[nodiscard]] static float cost_with_gap(const Fall& a, float gap, const Fall& b);
+    [[nodiscard]] static float change_of_slope(const Fall& a, float gap, const Fall& b);
+    void open_another(const twin::Slab& s, const Seen& seen);
+    void close();
     void merge_pair(std::size_t i);
-    void merge_cheapest_pair();
     void sweep();
-
-    /// Steps of a ray touch but for rounding.
-    static constexpr float kTouching = 1.0F / 64;
+    void keep_dearest();
 
     SlabCompression compression_;
     std::size_t most_;
     float least_;
     float before_ = 1.0F;     // transmittance so far
     float tolerance_ = 0.0F;  // ε
-    std::size_t count_ = 0;
+    Open open_{};
+    std::size_t count_ = 0;    // nodes in use: closed, all in front of the open one
     std::vector<Node> nodes_;  // as many as are looked at
+    std::vector<float> costs_;
     std::vector<twin::Slab> slabs_;
 };
 

@@ -36,6 +36,16 @@ private:
     float transmittance_ = 1.0F;
 };
 
+/// merge_step, which slabs that do not meet need not go through.
+[[nodiscard]] twin::MergeStep quick_step(const Slab& a, const Slab& b, const SlabSettings& settings) {
+    const bool a_first = a.z <= b.z;
+    const Slab& prior = a_first ? a : b;
+    const Slab& posterior = a_first ? b : a;
+    if (prior.z < posterior.z && twin::slab_front(posterior) >= prior.z)
+        return {prior, posterior, posterior, twin::uint(a_first), twin::uint(!a_first)};
+    return twin::merge_step(a, b, twin::uint(settings.interpolation), twin::uint(settings.mixing));
+}
+
 // ---- Order-free -------------------------------------------------------------------------------
 
 struct Node {
@@ -246,8 +256,7 @@ std::size_t merge_arrays(std::span<const Slab> a, std::span<const Slab> b, const
     Slab at_a = a.empty() ? Slab{} : a[0];
     Slab at_b = b.empty() ? Slab{} : b[0];
     while (next_a < a.size() && next_b < b.size()) {
-        const twin::MergeStep step =
-            twin::merge_step(at_a, at_b, twin::uint(settings.interpolation), twin::uint(settings.mixing));
+        const twin::MergeStep step = quick_step(at_a, at_b, settings);
         out[count++] = step.out_slab;
         if (!passing.through(step.out_slab)) return count;
         next_a += step.a_used;

@@ -18,7 +18,7 @@ namespace pellucid {
 ///   float32  24 bytes, all bits
 ///   half     12 bytes: 24 bits of z (8 exponent, 16 mantissa: to 2^-17 of it), 13 of d (8 and 5, cut off, so thinner
 ///            by up to 1/32), colours as half floats without the sign, opacity in 14 bits (half floats
-///            up to 1 need no more): to 2^-12 of it, below 6e-5 to 3e-8
+///            up to 1 need no more): to 2^-11 of it, below 6e-5 to 3e-8
 ///   byte     12 bytes: z and d as float32, 8 bits a channel: to 1/510; a colour above 1 becomes 1
 /// Neighbours do not overlap after rounding: what would, is made thinner. A slab whose colour and opacity
 /// round to 0 is not kept.

@@ -4,10 +4,12 @@
 //   operation 1  pack_normal: Vec3f -> uint
 //   operation 2  unpack_normal: uint -> Vec3f
 //   operation 3  project_quickly, 4 project_in_view: as 0
+//   operation 17… merge_step: two slabs -> MergeStep; 3·interpolation + mixing
 //   operation 5… functions of one number: uint (a float's bits) -> uint (the result's bits)
 #version 460
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#include "kernel/intermix_twin.h"
 #include "kernel/math_twin.h"
 #include "kernel/normal_twin.h"
 #include "kernel/projection_twin.h"
@@ -20,6 +22,13 @@ layout(buffer_reference, scalar) buffer Particles { Particle at[]; };
 layout(buffer_reference, scalar) buffer Pixels { PixelDepth at[]; };
 layout(buffer_reference, scalar) buffer Normals { Vec3f at[]; };
 layout(buffer_reference, scalar) buffer Words { uint at[]; };
+
+struct SlabPair {
+    Slab a;
+    Slab b;
+};
+layout(buffer_reference, scalar) readonly buffer SlabPairs { SlabPair at[]; };
+layout(buffer_reference, scalar) buffer MergeSteps { MergeStep at[]; };
 
 layout(push_constant, scalar) uniform Push {
     uint64_t view;  // operation 0
@@ -43,6 +52,9 @@ void main() {
         Projection projection = View(push.view).projection;
         if (kOperation == 3) Pixels(push.results).at[i] = project_quickly(projection, particle);
         else Pixels(push.results).at[i] = project_in_view(projection, particle);
+    } else if (kOperation >= 17) {
+        SlabPair pair = SlabPairs(push.inputs).at[i];
+        MergeSteps(push.results).at[i] = merge_step(pair.a, pair.b, (kOperation - 17) / 3, (kOperation - 17) % 3);
     } else {
         float x = uintBitsToFloat(Words(push.inputs).at[i]);
         float r = 0.0;
