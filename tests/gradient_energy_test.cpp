@@ -31,12 +31,23 @@ TEST(GradientEnergy, BandsHaveTheEnergyOfTheirSlopeAtAnyPhase) {
         for (const double phase : {0.3, 1.1}) {
             const RgbImage bands = picture(
                 240, 12, [&](double x, double) { return 0.5 + 0.02 * std::sin(2 * std::numbers::pi * x / period + phase); });
-            const double expected = period == 2.0 ? 2 * 0.02 * std::abs(std::sin(phase))
-                                                  : std::numbers::sqrt2 * 0.02 * std::sin(std::numbers::pi / period);
-            const GradientDifference d = gradient_difference(bands, even);
-            EXPECT_NEAR(d.excess, expected, 0.02 * expected) << period;
-            EXPECT_EQ(d.lack, 0);
-            EXPECT_NEAR(gradient_difference(even, bands).lack, d.excess, 1e-15);
+            const double raw = period == 2.0 ? 2 * 0.02 * std::abs(std::sin(phase))
+                                             : std::numbers::sqrt2 * 0.02 * std::sin(std::numbers::pi / period);
+            for (const double ppd : {1e-3, 67.02, 30.0}) {
+                // What a Gaussian leaves of a wave; at 30 pixels a degree it is no wider than a pixel, and sampled.
+                const double sigma = ppd / (2 * std::numbers::pi * 8);
+                double left = 0, weights = 0;
+                for (int k = -20; k <= 20; ++k) {
+                    const double w = std::exp(-k * k / (2 * sigma * sigma));
+                    left += w * std::cos(2 * std::numbers::pi * k / period);
+                    weights += w;
+                }
+                const double expected = raw * std::abs(left / weights);
+                const GradientDifference d = gradient_difference(bands, even, ppd);
+                EXPECT_NEAR(d.excess, expected, 0.02 * expected + 3e-5) << period << " " << ppd;
+                EXPECT_LE(d.lack, 1e-12);
+                EXPECT_NEAR(gradient_difference(even, bands, ppd).lack, d.excess, 1e-12);
+            }
         }
 }
 
@@ -48,10 +59,10 @@ TEST(GradientEnergy, BlurIsLackAndJagsAreExcess) {
         });
     };
     const RgbImage truth = smooth(1);
-    const GradientDifference blurred = gradient_difference(smooth(6), truth);
+    const GradientDifference blurred = gradient_difference(smooth(6), truth, 1e-3);
     EXPECT_GT(blurred.lack, 3 * blurred.excess);
     const RgbImage jagged = picture(64, 64, [&](double x, double y) { return edge(25, slanted(x, y)); });
-    const GradientDifference jags = gradient_difference(jagged, truth);
+    const GradientDifference jags = gradient_difference(jagged, truth, 1e-3);
     EXPECT_GT(jags.excess, 3 * jags.lack);
 }
 
@@ -68,6 +79,26 @@ TEST(GradientEnergy, ADriftOfTheSameSizeCountsLittle) {
     const RgbImage bands =
         picture(200, 16, [](double x, double) { return 0.5 + 0.1 * std::sin(2 * std::numbers::pi * x / 10); });
     EXPECT_LT(20 * gradient_difference(drift, even).excess, gradient_difference(bands, even).excess);
+}
+
+TEST(GradientEnergy, FollowsTheEyesContrastSensitivity) {
+    // Periods 4 … 64 pixels at 67 pixels a degree: within a factor of 2, and largest where the eye is most sensitive.
+    EXPECT_NEAR(contrast_sensitivity(8), 0.98, 0.01);
+    const RgbImage even = picture(512, 12, [](double, double) { return 0.5; });
+    double most = 0, at_most = 0;
+    for (const double period : {4.0, 6.0, 8.0, 12.0, 16.0, 32.0, 64.0}) {
+        const RgbImage bands =
+            picture(512, 12, [&](double x, double) { return 0.5 + 0.1 * std::sin(2 * std::numbers::pi * x / period); });
+        const double excess = gradient_difference(bands, even).excess;
+        const double sensitivity = contrast_sensitivity(67.02 / period);
+        if (excess > most) {
+            most = excess;
+            at_most = period;
+        }
+        EXPECT_GT(excess / sensitivity, 0.5 * 0.1 * 0.33) << period;
+        EXPECT_LT(excess / sensitivity, 1.1 * 0.1 * 0.33) << period;
+    }
+    EXPECT_EQ(at_most, 8);
 }
 
 TEST(GradientEnergy, OnePixelHasNoGradient) {
