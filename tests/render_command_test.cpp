@@ -129,6 +129,13 @@ TEST_F(RenderCommand, PlanDrawsNothing) {
     EXPECT_NE(r.out.find("total"), std::string::npos);
 }
 
+TEST_F(RenderCommand, PlanTellsTheCandidatesOfStratifiedSets) {
+    scene(good_);
+    const Result plan = run("s.toml --method particles --plan --set particles.sampler=stratified --set particles.repeats=64");
+    EXPECT_EQ(plan.code, 0) << plan.err;
+    EXPECT_NE(plan.out.find("candidates for each of 64 repeats, in groups of 8"), std::string::npos) << plan.out;
+}
+
 TEST_F(RenderCommand, ListsNameEveryMethodAndSurface) {
     const Result methods = run("--list");
     EXPECT_EQ(methods.code, 0);
@@ -155,6 +162,7 @@ TEST_F(RenderCommand, BadArgumentsAreRefused) {
     refused(ok + "--set particles.repeats=0", "repeats");
     refused(ok + "--set particles.repeats=many", "repeats");
     refused(ok + "--set particles.sampler=\\\"cubes\\\"", "cubes");
+    refused(ok + "--set particles.repeats=4 --set particles.group=5", "particles.group = 5");
     refused(ok + "--max-error 0", "--max-error");
     for (const char* crop :
          {"0,0,13,10", "5,5,5,9", "1,2,3", "a,b,c,d", "-1,0,3,3", "0,0,99999999999,4", "1,2,3,4,5"})

@@ -398,7 +398,8 @@ Method particles_method() {
                 warn("--max-error takes repeats for independent, which those of particles.lines = \"fast\" "
                      "are not quite: the error may be larger");
             for (const Object& object : input.scene.objects)
-                warn_of_opacity("surface", object.surface.name, object.surface.opacity * object.geometry->most_opacity());
+                if (object.geometry->patch_count() > 0)
+                    warn_of_opacity("surface", object.surface.name, object.surface.opacity * object.geometry->most_opacity());
             for (const VolumeObject& volume : input.scene.volumes)
                 warn_of_opacity("volume", volume.settings().name, volume.most_opacity());
             EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);
