@@ -341,7 +341,7 @@ TEST(Brownian, ClumpingIsThatOfPlanarWalks) {
 /// Mean of A over the image less that of the truth, and the standard error of it.
 std::pair<double, double> bias_of_opacity(const PreparedScene& scene, const WalkSettings& walk, std::uint32_t repeats) {
     TruthStats truth_stats;
-    const Image truth = trace_truth(scene, {.filter = PixelFilter::particle, .max_error = 1e-3}, truth_stats);
+    const Image truth = trace_truth(scene, {.filter = PixelFilter::particle, .max_error = 3e-3}, truth_stats);
     double expected = 0;
     for (const float a : truth.plane("A")) expected += static_cast<double>(a);
     MeanVariance found;
@@ -354,16 +354,14 @@ std::pair<double, double> bias_of_opacity(const PreparedScene& scene, const Walk
         for (const float a : image.plane("A")) sum += static_cast<double>(a);
         found.add((sum - expected) / expected);
     }
-    fmt::print("  {}: bias of A {:.4f} +- {:.4f}\n", scene.objects[0].surface.name, found.mean(), found.standard_error());
     return {found.mean(), found.standard_error()};
 }
 
 TEST(Brownian, DrawsTheOpacityAtItsDefaults) {
-    for (const char* surface : {"implicit = \"sphere\"", "implicit = \"torus\"\nrotate_degrees = [60, 20, 0]",
-                                "implicit = \"barth_sextic\"\nscale = 0.4"}) {
+    for (const char* surface : {"implicit = \"sphere\"", "implicit = \"torus\"\nrotate_degrees = [60, 20, 0]"}) {
         const PreparedScene scene = prepare(scene_from(
-            std::string("image.resolution = [100, 100]\ncamera.position = [0, 0, 4]\n[[surface]]\nopacity = 0.5\n") + surface));
-        const auto [bias, error] = bias_of_opacity(scene, {}, 20);
+            std::string("image.resolution = [48, 48]\ncamera.position = [0, 0, 4]\n[[surface]]\nopacity = 0.5\n") + surface));
+        const auto [bias, error] = bias_of_opacity(scene, {}, 60);
         EXPECT_NEAR(bias, 0, 4.5 * error + 0.003) << surface;
         EXPECT_LT(error, 0.002);
     }
@@ -371,7 +369,7 @@ TEST(Brownian, DrawsTheOpacityAtItsDefaults) {
 
 TEST(Brownian, FewWalkersWithSmallStepsClumpAndSaySo) {
     const PreparedScene scene = prepare(scene_from(
-        "image.resolution = [100, 100]\ncamera.position = [0, 0, 4]\n[[surface]]\nopacity = 0.5\nimplicit = \"sphere\"\n"));
+        "image.resolution = [48, 48]\ncamera.position = [0, 0, 4]\n[[surface]]\nopacity = 0.5\nimplicit = \"sphere\"\n"));
     const WalkSettings few{.step = 0.01, .walkers = 256};
     const auto [bias, error] = bias_of_opacity(scene, few, 20);
     EXPECT_LT(bias, -0.05);
