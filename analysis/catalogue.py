@@ -31,7 +31,7 @@ VIEWS = {
     "steiner": (1.15, 35, 25), "cross_cap": (1.2, 60, 20), "boy": (1.6, 0, -25, (0.1, 0, 0.9)), "klein_bottle": (4.4,),
     "cassini": (1.5, 10, 25), "cassini_oval": (1.55,), "dupin_cyclide": (1.9, 28, 40, (-0.3, 0, 0)), "tangle": (3.2,),
     "goursat": (2.6,), "heart": (1.45, 15, 10), "chmutov": (1.6,), "chair": (1.45,), "bicorn": (1.2, 28, 12, (0, 0, 0.5)),
-    "hunt": (3.9,), "miter": (1.25, 70, 20), "whitney_umbrella": (1.3, 40, 25, (0, 0, 0.5)), "gyroid": (0.85,),
+    "hunt": (3.9,), "miter": (1.25, 70, 20), "whitney_umbrella": (1.3, 40, 25, (0, 0, 0.5)), "bucky_ball": (1.35, 20, 15), "gyroid": (0.85,),
     "schwarz_p": (0.85,), "schwarz_d": (0.85,),
 }
 

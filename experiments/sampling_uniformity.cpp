@@ -168,8 +168,8 @@ double expected_cosine(double step, bool drift) {
 StepTest test_steps(const PointSets& sets, const WalkSettings& walk, double step) {
     MeanVariance cosine, radius;
     for (const auto& points : sets)
-        for (std::size_t i = walk.walkers; i < points.size(); ++i) {
-            const Vec3& a = points[i - walk.walkers];
+        for (std::size_t i = *walk.walkers; i < points.size(); ++i) {
+            const Vec3& a = points[i - *walk.walkers];
             const Vec3& b = points[i];
             if (a == b) continue;  // a step that was not made
             cosine.add(dot(a, b) / (length(a) * length(b)));
@@ -195,7 +195,7 @@ public:
              const BrownianSource::Stats& stats, double seconds) {
         const auto of = [&](double StepTest::* value) { return t ? std::optional(*t.*value) : std::nullopt; };
         const auto steps = static_cast<double>(stats.steps);
-        csv_.row(surface, w.name, *w.settings.step, w.settings.walkers, w.settings.thinning, w.settings.drift ? 1 : 0, r.points,
+        csv_.row(surface, w.name, *w.settings.step, *w.settings.walkers, w.settings.thinning, w.settings.drift ? 1 : 0, r.points,
                  r.chi2, r.dof, r.density_deviation, r.dispersion, r.neighbour, of(&StepTest::cosine), of(&StepTest::expected),
                  of(&StepTest::z), of(&StepTest::radius_z), static_cast<double>(stats.at_borders) / steps,
                  static_cast<double>(stats.lost) / steps, seconds, steps / seconds, r.points / seconds / std::max(r.dispersion, 1e-9));
@@ -222,7 +222,7 @@ void measure_walks(Experiment& ex, const Case& c, const Settings& s, const std::
         const double seconds = watch.lap();
         const UniformityReport report = judge_uniformity(c.cells, sets, s.queries, c.neighbours);
         std::optional<StepTest> steps;
-        if (c.name == "sphere" && w.settings.thinning == 1 && w.settings.walkers < count)
+        if (c.name == "sphere" && w.settings.thinning == 1 && *w.settings.walkers < count)
             steps = test_steps(sets, w.settings, source.step_length());
         table.row(c.name, w, report, steps, source.stats(), seconds);
         step_done();

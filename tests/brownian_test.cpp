@@ -308,5 +308,78 @@ TEST(Brownian, RefusesWhatHasNoField) {
     }
 }
 
+// ---- clumps
+
+/// The planar random walk itself: how many more of its own walker a particle finds in its pixel, pixels of side 1.
+double clumping_of_walks(double step, int positions) {
+    std::mt19937_64 random(5);
+    std::normal_distribution<double> normal(0, step);
+    std::uniform_real_distribution<double> uniform(0, 1);
+    constexpr int kWalks = 40000;
+    double pairs = 0;
+    for (int walk = 0; walk < kWalks; ++walk) {
+        std::vector<std::pair<double, double>> at(1, {uniform(random), uniform(random)});
+        while (at.size() < static_cast<std::size_t>(positions))
+            at.emplace_back(at.back().first + normal(random), at.back().second + normal(random));
+        for (std::size_t i = 0; i < at.size(); ++i)
+            for (std::size_t k = i + 1; k < at.size(); ++k)
+                pairs += std::floor(at[i].first) == std::floor(at[k].first) && std::floor(at[i].second) == std::floor(at[k].second);
+    }
+    return 2 * pairs / (double{kWalks} * positions);
+}
+
+TEST(Brownian, ClumpingIsThatOfPlanarWalks) {
+    for (const double step : {2.0, 5.0})
+        for (const int positions : {2, 5, 30}) {
+            const double found = clumping_of_walks(step, positions);
+            EXPECT_NEAR(clumping(1 / (2 * M_PI * step * step), 1e-12, positions) / found, 1, 0.15) << step << ' ' << positions;
+        }
+    EXPECT_EQ(clumping(0.5, 1e-12, 1), 0);
+    EXPECT_NEAR(clumping(2.5, 1e-12, 4), 2.0 / 4 * (3 + 2 + 2.5 / 3), 0.01);  // a walker that hardly moves
+}
+
+/// Mean of A over the image less that of the truth, and the standard error of it.
+std::pair<double, double> bias_of_opacity(const PreparedScene& scene, const WalkSettings& walk, std::uint32_t repeats) {
+    TruthStats truth_stats;
+    const Image truth = trace_truth(scene, {.filter = PixelFilter::particle, .max_error = 3e-3}, truth_stats);
+    double expected = 0;
+    for (const float a : truth.plane("A")) expected += static_cast<double>(a);
+    MeanVariance found;
+    for (std::uint64_t seed = 0; seed < 8; ++seed) {
+        ParticleSettings settings{.repeats = repeats, .kind = SamplerKind::brownian, .sampler = {.seed = {seed}}};
+        settings.source.walk = walk;
+        RenderStats stats;
+        const Image image = render_particles(scene, settings, stats);
+        double sum = 0;
+        for (const float a : image.plane("A")) sum += static_cast<double>(a);
+        found.add((sum - expected) / expected);
+    }
+    return {found.mean(), found.standard_error()};
+}
+
+TEST(Brownian, DrawsTheOpacityAtItsDefaults) {
+    for (const char* surface : {"implicit = \"sphere\"", "implicit = \"torus\"\nrotate_degrees = [60, 20, 0]"}) {
+        const PreparedScene scene = prepare(scene_from(
+            std::string("image.resolution = [48, 48]\ncamera.position = [0, 0, 4]\n[[surface]]\nopacity = 0.5\n") + surface));
+        const auto [bias, error] = bias_of_opacity(scene, {}, 60);
+        EXPECT_NEAR(bias, 0, 4.5 * error + 0.003) << surface;
+        EXPECT_LT(error, 0.002);
+    }
+}
+
+TEST(Brownian, FewWalkersWithSmallStepsClumpAndSaySo) {
+    const PreparedScene scene = prepare(scene_from(
+        "image.resolution = [48, 48]\ncamera.position = [0, 0, 4]\n[[surface]]\nopacity = 0.5\nimplicit = \"sphere\"\n"));
+    const WalkSettings few{.step = 0.01, .walkers = 256};
+    const auto [bias, error] = bias_of_opacity(scene, few, 20);
+    EXPECT_LT(bias, -0.05);
+    const BrownianSource source(scene.objects[0], scene.camera, 0, few);
+    EXPECT_NE(source.complaint().find("more particles.walk.walkers (now 256)"), std::string::npos) << source.complaint();
+    EXPECT_EQ(BrownianSource(scene.objects[0], scene.camera, 0, {}).complaint(), "");
+    const BrownianSource lone(scene.objects[0], scene.camera, 0,
+                              {.step = 0.001, .walkers = 1000, .start = WalkSettings::Start::single});
+    EXPECT_NE(lone.complaint().find("reach an area of"), std::string::npos) << lone.complaint();
+}
+
 }  // namespace
 }  // namespace pellucid

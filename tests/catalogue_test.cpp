@@ -306,6 +306,33 @@ TEST(CatalogueFormulas, VanishAtKnownPoints) {
     zero("hunt", {0, 3.5, 0});                                 // 4·(−¾)³ + 27·(¼)² = 0
 }
 
+/// By another way to the atoms: thirds of the edges of an icosahedron.
+TEST(CatalogueFormulas, BuckyBallHasItsChargesAtTheThirdsOfAnIcosahedronsEdges) {
+    std::vector<Vec3> corners;
+    for (const double a : {-1.0, 1.0})
+        for (const double b : {-kPhi, kPhi})
+            for (const Vec3& corner : {Vec3(0, a, b), Vec3(a, b, 0), Vec3(b, 0, a)}) corners.push_back(corner);
+    std::vector<Vec3> atoms;
+    for (const Vec3& p : corners)
+        for (const Vec3& q : corners)
+            if (const double edge = length(p - q); edge > 0 && edge < 2.1) atoms.push_back((2.0 * p + q) / 3.0);
+    ASSERT_EQ(atoms.size(), 60U);
+    const double radius = 1.7;
+    const double scale = radius / length(atoms[0]);
+    const Expression f = formula("bucky_ball", {{"radius", radius}, {"level", 83}}).field;
+    std::mt19937_64 random(8);
+    for (int i = 0; i < 100; ++i) {
+        const Vec3 x = inside({Vec3(-2.5), Vec3(2.5)}, random);
+        double potential = 0;
+        for (const Vec3& atom : atoms) potential += radius * radius / dot(x - scale * atom, x - scale * atom);
+        EXPECT_NEAR(f.at(x), 83 - potential, 1e-10 * potential);
+    }
+    // Hollow, and open in every face: of the twelve pentagons and twenty hexagons none holds the level on its axis.
+    const Expression usual = formula("bucky_ball").field;
+    for (const Vec3& axis : {Vec3(0, 1, kPhi), Vec3(1, 1, 1)})
+        for (int i = 0; i <= 300; ++i) EXPECT_GT(usual.at(0.01 * i * normalize(axis)), 0) << i;
+}
+
 // ---- symmetries
 
 Mat3 turned(const Vec3& axis, double degrees) {
@@ -340,6 +367,7 @@ TEST(CatalogueFormulas, HaveTheirSymmetries) {
         {"hunt", mx}, {"hunt", my}, {"hunt", mz}, {"miter", mx}, {"miter", my}, {"miter", mz},
         {"whitney_umbrella", mx}, {"whitney_umbrella", my},
         {"gyroid", cycle}, {"gyroid", one, Vec3(0.5)}, {"gyroid", one, {1, 0, 0}}, {"gyroid", -one, {}, -1},
+        {"bucky_ball", turned({0, 1, kPhi}, 72)}, {"bucky_ball", cycle}, {"bucky_ball", -one},
         {"metaballs", cycle}, {"metaballs", half}, {"metaballs", rotoreflection}, {"metaballs", swap},
         {"schwarz_p", cycle}, {"schwarz_p", quarter}, {"schwarz_p", one, Vec3(0.5), -1}, {"schwarz_p", one, {0, 1, 0}},
         {"schwarz_d", cycle}, {"schwarz_d", one, Vec3(0.5), -1}, {"schwarz_d", swap}, {"schwarz_d", -one, {}, -1},

@@ -333,6 +333,17 @@ TEST(CatmullRomCells, CellsBesideASampleThatIsNoneAreEmptyAndCounted) {
     }
 }
 
+// At the border samples are continued beyond it: 2·3e38 − (−3e38) is more than a float holds.
+TEST(CatmullRomCells, FiniteSamplesOfAnySizeLoseNoCell) {
+    const std::array<int, 3> size{6, 6, 6};
+    const auto steps = sampled(size, [](const Vec3& x) { return x.x < 0.5 || x.y > 4.5 ? -3e38 : 3e38; });
+    const CatmullRomCells cells(volume_of(size, steps), 0);
+    EXPECT_EQ(cells.lost(), 0U);
+    IsolationStats stats;
+    EXPECT_EQ(cross_all(cells, {-1, 2.3, 2.4}, {1, 0, 0}, stats).size(), 1U);
+    EXPECT_EQ(cross_all(cells, {-1, 2.3, 0.4}, {1, 0, 0}, stats).size(), 1U);
+}
+
 TEST(CatmullRomCells, NoCellsWhereNothingCrosses) {
     EXPECT_EQ(CatmullRomCells(sphere_volume(), 1e6).count(), 0U);
     EXPECT_EQ(CatmullRomCells(volume_of({5, 5, 1}, sampled({5, 5, 1}, ball)), 0).count(), 0U);
@@ -507,6 +518,21 @@ TEST(CatmullRomGeometry, GivesItsFieldAndSoDoesTrilinear) {
         EXPECT_LT(length(jet.gradient - field->field->gradient({5.3, 5.4, 5.2})), 1e-12);
         EXPECT_FALSE(field->field->excludes(field->bounds));
         EXPECT_TRUE(field->field->excludes({kCenter - Vec3(0.2), kCenter + Vec3(0.2)}));
+    }
+}
+
+TEST(SliceGeometry, OutsideOfItsVolumeSaysSo) {
+    const fs::path folder = test_folder();
+    const fs::path volume = sphere_file(folder);
+    for (const auto& [center, outside] : {std::pair("[6, 6, 6]", false), std::pair("[60, 6, 6]", true)}) {
+        testing::internal::CaptureStderr();
+        const PreparedScene scene = prepare(scene_from(
+            kAll + fmt::format("[[surface]]\nshading = \"flat\"\nslice = {{ volume = \"{}\", center = {}, u = [2, 0, 0], "
+                               "v = [0, 2, 0], transfer = [[-1000, 1, 1, 1, 1], [1000, 1, 1, 1, 1]] }}\n",
+                               volume.string(), center)));
+        const std::string said = testing::internal::GetCapturedStderr();
+        EXPECT_EQ(said.find("wholly outside of") != std::string::npos, outside) << said;
+        EXPECT_EQ(scene.objects[0].geometry->patch_count(), outside ? 0U : 1U);
     }
 }
 

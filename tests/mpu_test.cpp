@@ -153,6 +153,56 @@ TEST(Mpu, TurnedOverPointsHaveTheSameSurface) {
     for (const OrientedPoint& p : ellipsoid(40)) EXPECT_NEAR(turned.value(p.position), -field.value(p.position), 1e-6);
 }
 
+std::string refusal_of(const std::vector<OrientedPoint>& points) {
+    try {
+        (void)MpuField(points);
+    } catch (const Error& e) {
+        EXPECT_EQ(e.kind(), Failure::input);
+        return e.what();
+    }
+    return "";
+}
+
+// A tolerance by the box of all points would be as large as the sphere itself.
+TEST(Mpu, AnOutlierDoesNotTakeTheToleranceWithIt) {
+    auto points = sphere(5000);
+    points.push_back({{1000, 0, 0}, {1, 0, 0}});
+    testing::internal::CaptureStderr();
+    const MpuField field(points);
+    const std::string said = testing::internal::GetCapturedStderr();
+    EXPECT_NE(said.find("points: 1 of 5001 lie farther than 2 widths from the others"), std::string::npos) << said;
+    for (const OrientedPoint& p : sphere(333)) {
+        EXPECT_NEAR(field.value(p.position), 0, 3e-3);
+        EXPECT_GT(dot(normalize(field.gradient(p.position)), p.position), 0.99);
+    }
+    testing::internal::CaptureStderr();
+    (void)MpuField(ellipsoid(500));
+    (void)MpuField(cube(8));
+    EXPECT_EQ(testing::internal::GetCapturedStderr(), "");
+}
+
+TEST(Mpu, NormalsInThePlaneOfThePointsAreRefused) {
+    std::vector<OrientedPoint> points;
+    for (int j = 0; j < 20; ++j)
+        for (int i = 0; i < 20; ++i) points.push_back({{0.1 * i, 0.1 * j, 0}, {0.6F, 0.8F, 0}});
+    EXPECT_NE(refusal_of(points).find("normals lie in the surface"), std::string::npos);
+    for (OrientedPoint& p : points) p.normal = {0, 0, 1};
+    EXPECT_EQ(refusal_of(points), "");
+    // Meridians of a sphere.
+    auto ball = sphere(2000);
+    for (OrientedPoint& p : ball) {
+        const Vec3 east = normalize(Vec3(-p.position.y, p.position.x, 0));
+        p.normal = {static_cast<float>(east.x), static_cast<float>(east.y), 0};
+    }
+    EXPECT_NE(refusal_of(ball).find("normals lie in the surface"), std::string::npos);
+}
+
+TEST(Mpu, PointsOfALineAreRefused) {
+    std::vector<OrientedPoint> points;
+    for (int i = 0; i < 500; ++i) points.push_back({{0.1 * i, 0.02 * i + 1, -0.3 * i}, {0, 0, 1}});
+    EXPECT_NE(refusal_of(points).find("along a line"), std::string::npos);
+}
+
 TEST(MpuCells, LinesCrossAClosedSurfaceInPairsWhereItIs) {
     const MpuField field(ellipsoid(3000));
     const MpuCells cells(field);

@@ -129,6 +129,13 @@ TEST_F(RenderCommand, PlanDrawsNothing) {
     EXPECT_NE(r.out.find("total"), std::string::npos);
 }
 
+TEST_F(RenderCommand, PlanTellsTheCandidatesOfStratifiedSets) {
+    scene(good_);
+    const Result plan = run("s.toml --method particles --plan --set particles.sampler=stratified --set particles.repeats=64");
+    EXPECT_EQ(plan.code, 0) << plan.err;
+    EXPECT_NE(plan.out.find("candidates for each of 64 repeats, in groups of 8"), std::string::npos) << plan.out;
+}
+
 TEST_F(RenderCommand, ListsNameEveryMethodAndSurface) {
     const Result methods = run("--list");
     EXPECT_EQ(methods.code, 0);
@@ -155,6 +162,7 @@ TEST_F(RenderCommand, BadArgumentsAreRefused) {
     refused(ok + "--set particles.repeats=0", "repeats");
     refused(ok + "--set particles.repeats=many", "repeats");
     refused(ok + "--set particles.sampler=\\\"cubes\\\"", "cubes");
+    refused(ok + "--set particles.repeats=4 --set particles.group=5", "particles.group = 5");
     refused(ok + "--max-error 0", "--max-error");
     for (const char* crop :
          {"0,0,13,10", "5,5,5,9", "1,2,3", "a,b,c,d", "-1,0,3,3", "0,0,99999999999,4", "1,2,3,4,5"})
@@ -224,6 +232,51 @@ TEST_F(RenderCommand, WildExpressionsEnd) {
         EXPECT_EQ(run("s.toml --method particles -o o.exr --set particles.repeats=1").code, 0) << text.substr(0, 40);
         EXPECT_EQ(run("s.toml --method reference -o o.exr --set reference.max_error=0.1").code, 0) << text.substr(0, 40);
     }
+}
+
+TEST_F(RenderCommand, PointsThatMakeNoSurfaceAreRefused) {
+    const std::string toml = head_ + "[[surface]]\nname = \"scan\"\npoints = \"p.xyz\"\n";
+    const auto points = [&](int count, const auto& line) {
+        std::string text;
+        for (int i = 0; i < count; ++i) text += line(i);
+        put(folder / "p.xyz", text);
+    };
+    const auto on_sphere = [](int i) {
+        const double z = 1 - (2 * i + 1) / 400.0;
+        return Vec3(std::sqrt(1 - z * z) * std::cos(2.4 * i), std::sqrt(1 - z * z) * std::sin(2.4 * i), z);
+    };
+    points(100, [](int i) { return fmt::format("{} 0 0\n", i); });
+    refused_scene(toml, "p.xyz:1: 3 numbers, expected x y z nx ny nz");
+    points(3, [](int i) { return fmt::format("{} {} 0 0 0 1\n", i, i * i); });
+    refused_scene(toml, "3 different points, expected at least 15");
+    points(200, [](int) { return "1 2 3 0 0 1\n"; });
+    scene(toml);
+    const Result one = run("s.toml --method particles -o o.exr");
+    EXPECT_EQ(one.code, 2) << one.err;
+    EXPECT_NE(one.err.find("1 different points, expected at least 15"), std::string::npos) << one.err;
+    points(200, [](int i) { return fmt::format("{} {} 0 0 0 1\n", i, 2 * i); });
+    refused_scene(toml, "the points lie along a line");
+    points(200, [](int i) { return fmt::format("{} {} 0 0.6 0.8 0\n", i % 14, i / 14); });
+    refused_scene(toml, "the normals lie in the surface");
+
+    // What can be drawn is, with a word.
+    const auto warned = [&](const std::string& word) {
+        scene(toml);
+        const Result r = run("s.toml --method particles -o o.exr --set particles.repeats=4");
+        EXPECT_EQ(r.code, 0) << r.err;
+        EXPECT_NE(r.err.find(word), std::string::npos) << r.err;
+    };
+    const auto with_normal = [](const Vec3& p, double sign) {
+        return fmt::format("{} {} {} {} {} {}\n", p.x, p.y, p.z, sign * p.x, sign * p.y, sign * p.z);
+    };
+    points(400, [&](int i) { return with_normal(on_sphere(i), i % 3 == 0 ? -1 : 1); });
+    warned("have a normal against that of their nearest neighbour");
+    points(400, [&](int i) { return with_normal(on_sphere(i / 2 * 2), 1); });
+    warned("200 stand where another one does and are merged");
+    points(400, [&](int i) { return i == 7 ? "nan 0 0 0 0 1\n" : with_normal(on_sphere(i), 1); });
+    warned("1 points whose position is no number are left out");
+    points(401, [&](int i) { return i == 400 ? "900 0 0 1 0 0\n" : with_normal(on_sphere(i), 1); });
+    warned("1 of 401 lie farther than 2 widths from the others");
 }
 
 TEST_F(RenderCommand, DamagedFilesAreRefused) {

@@ -159,9 +159,9 @@ TEST(Stratified, StatedVarianceIsThatOverSeeds) {
         for (const float value : image.plane("A")) a.add(static_cast<double>(value));
         for (const float value : image.plane("variance.A")) stated += static_cast<double>(value) / (256.0 * kSeeds);
     }
-    // Three degrees of freedom a pixel: relative error of their mean sqrt(2/(3 n)).
+    // Seven degrees of freedom a pixel: relative error of their mean sqrt(2/(7 n)).
     const double n = 256.0 * kSeeds;
-    EXPECT_NEAR(stated / a.variance(), 1, 4 * std::sqrt(2.5 / n + 2.5 / (3 * n)));
+    EXPECT_NEAR(stated / a.variance(), 1, 4 * std::sqrt(2.5 / n + 2.5 / (7 * n)));
 }
 
 TEST(Stratified, IndependentCandidatesDealtAtRandomAreTheWrongTwin) {
@@ -170,6 +170,59 @@ TEST(Stratified, IndependentCandidatesDealtAtRandomAreTheWrongTwin) {
     const double wrong = -std::expm1(-0.6);
     const MeanVariance a = moments(scene, 64, 6, SamplerKind::stratified, 16);
     EXPECT_GT(std::abs(a.mean() - wrong), 20 * a.standard_error());
+}
+
+TEST(Stratified, DefaultGroupsLeaveSevenDegreesOfFreedom) {
+    const PreparedScene scene = prepare(scene_from(sheets({0.3})));
+    const Sources sources = make_sources(scene);
+    for (const std::uint32_t repeats : {8U, 20U, 100U, 500U, 512U, 1000U, 5000U}) {
+        const std::uint32_t group = default_group(scene, sources, repeats, 8);
+        const std::uint32_t groups = (repeats + group - 1) / group;
+        EXPECT_GE(groups, repeats == 20 ? 7U : 8U) << repeats;
+        EXPECT_LE(groups, 16U) << repeats;
+        if (repeats >= 1000) {
+            EXPECT_GE(group, 62U) << repeats;
+        }
+    }
+}
+
+// A pixel needs no more candidates than tell its opacity: opaque objects are not oversampled.
+TEST(Stratified, OversamplingFallsWithOpacity) {
+    const auto plan = [](const std::vector<double>& opacities) {
+        const PreparedScene scene = prepare(scene_from(sheets(opacities)));
+        return plan_candidates(scene, LineSampler(scene.objects[0], scene.camera, 0), 8);
+    };
+    const CandidatePlan faint = plan({0.3});
+    EXPECT_DOUBLE_EQ(faint.oversampling, 8);
+    EXPECT_NEAR(faint.particles / (256 * -std::log(0.7)), 1, 0.05);
+    const CandidatePlan opaque = plan({1});
+    const double depth = 20 * std::log(2.0);
+    EXPECT_NEAR(opaque.particles / (256 * depth), 1, 0.05);
+    EXPECT_NEAR(opaque.oversampling, 8 * kDenseDepth / depth, 0.1);
+}
+
+TEST(Stratified, OpaqueVolumeHasItsColoursAndNoMoreCandidatesThanParticles) {
+    // 16 cells deep, an optical depth of 13.9 in each: 222 particles a pixel of which one is seen.
+    const PreparedScene scene = prepare(scene_from(
+        "image.resolution = [24, 24]\ncamera.position = [0.4, 0.3, 5]\n[[volume]]\nexpression = \"x + 0.3*y\"\n"
+        "bounds = [[-1, -1, -1], [1, 1, 1]]\nresolution = 17\ntransfer = [[-2, 1, 0, 0, 1], [0, 0, 1, 0.5, 1], [2, 0, 0.2, 1, 1]]\n"));
+    const Sources sources = make_sources(scene);
+    EXPECT_DOUBLE_EQ(plan_candidates(scene, *sources[0], 8).oversampling, 1);
+    constexpr int kSeeds = 24;
+    const char* const names[] = {"R", "G", "B", "A"};
+    for (const char* name : names) {
+        MeanVariance both[2];  // means over the image
+        for (int seed = 0; seed < kSeeds; ++seed)
+            for (const bool stratified : {false, true}) {
+                const Image image = draw(scene, 16, static_cast<std::uint64_t>(seed),
+                                         stratified ? SamplerKind::stratified : SamplerKind::lines);
+                double sum = 0;
+                for (const float value : image.plane(name)) sum += static_cast<double>(value);
+                both[stratified ? 1 : 0].add(sum / static_cast<double>(image.pixel_count()));
+            }
+        const double spread = std::hypot(both[0].standard_error(), both[1].standard_error());
+        EXPECT_NEAR(both[0].mean(), both[1].mean(), 4.5 * spread + 1e-7) << name;
+    }
 }
 
 // ---- adaptive repeats

@@ -113,7 +113,7 @@ CatalogueFormula catalogue_formula(const CatalogueEntry& entry, const std::map<s
             x[static_cast<int>(i)] = Expression(entry.box[first + i], values).at(Vec3(0.0));
         return x;
     };
-    return {Expression(entry.equation, values), Box{corner(0), corner(3)}};
+    return {Expression(entry.long_equation.empty() ? entry.equation : entry.long_equation, values), Box{corner(0), corner(3)}};
 }
 
 CatalogueSurface::CatalogueSurface(const std::string& name, const std::map<std::string, double>& parameters) {

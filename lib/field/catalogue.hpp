@@ -32,6 +32,8 @@ struct CatalogueEntry {
     std::string_view bounds;    // object-space box when the scene gives none
     /// The same box as formulas of the parameters, low and high corner; empty where the surface is a CatalogueSurface.
     std::array<std::string_view, 6> box = {};
+    /// What is evaluated where `equation` tells in words what would be too long to read; else empty.
+    std::string_view long_equation = {};
 
     /// Whether `equation` itself is the surface; otherwise it is a CatalogueSurface.
     [[nodiscard]] bool is_formula() const { return !box[0].empty(); }

@@ -2,7 +2,11 @@
 // tests/catalogue_test.cpp holds each to what is known of it: nodes, lines, symmetries, a parametrisation.
 #include "field/catalogue_formulas.hpp"
 
+#include <cmath>
 #include <numbers>
+#include <string>
+
+#include <fmt/format.h>
 
 namespace pellucid {
 namespace {
@@ -12,6 +16,37 @@ using Parameters = std::vector<CatalogueEntry::Parameter>;
 CatalogueEntry formula(std::string_view name, std::string_view equation, Parameters parameters, std::string_view bounds,
                        std::array<std::string_view, 6> box) {
     return {name, equation, std::move(parameters), bounds, box};
+}
+
+/// level − Σ radius²/|x − x_j|², x_j the 60 vertices of a truncated icosahedron on the sphere of that radius: even
+/// permutations of (0, ±1, ±3φ), (±1, ±(2 + φ), ±2φ), (±φ, ±2, ±(2φ + 1)), over √(9φ + 10).
+const std::string& bucky_ball_equation() {
+    static const std::string equation = [] {
+        using std::numbers::phi;
+        const double size = std::sqrt(9 * phi + 10);
+        const std::array<std::array<double, 3>, 3> kinds{{{0, 1, 3 * phi}, {1, 2 + phi, 2 * phi}, {phi, 2, 2 * phi + 1}}};
+        std::string sum = "level";
+        for (const auto& kind : kinds)
+            for (unsigned signs = 0; signs < 8; ++signs) {
+                if (kind[0] == 0 && (signs & 1U) != 0) continue;
+                for (std::size_t turn = 0; turn < 3; ++turn) {
+                    sum += " - radius^2/(";
+                    for (std::size_t axis = 0; axis < 3; ++axis) {
+                        const std::size_t from = (axis + turn) % 3;
+                        const double at = kind[from] / size;
+                        const char* plus = axis == 0 ? "" : " + ";
+                        if (at == 0)
+                            sum += fmt::format("{}{}^2", plus, "xyz"[axis]);
+                        else
+                            sum += fmt::format("{}({} {} {:.17g}*radius)^2", plus, "xyz"[axis],
+                                               (signs >> from & 1U) != 0 ? '+' : '-', at);
+                    }
+                    sum += ")";
+                }
+            }
+        return sum;
+    }();
+    return equation;
 }
 
 std::vector<CatalogueEntry> entries() {
@@ -107,6 +142,15 @@ std::vector<CatalogueEntry> entries() {
                 {"-distance - radius*sqrt(log(4/threshold))", "-distance - radius*sqrt(log(4/threshold))",
                  "-distance - radius*sqrt(log(4/threshold))", "distance + radius*sqrt(log(4/threshold))",
                  "distance + radius*sqrt(log(4/threshold))", "distance + radius*sqrt(log(4/threshold))"}),
+        // Harbinson et al. 2008, (1): 60 equal charges at the atoms of C60. Negative inside, with a pole at every charge.
+        // Hollow, with a hole in every face, for levels from 81.3 to 98.9; below 73 a closed shell. Beyond the box the
+        // charges, each at least radius*sqrt(60/level) away, give less. Icosahedral.
+        {"bucky_ball", "level - sum_j radius^2/((x - x_j)^2 + (y - y_j)^2 + (z - z_j)^2)",
+         {{"radius", 1}, {"level", 90}},
+         "[-h, h]^3, h = radius (1 + sqrt(60/level)); (x_j, y_j, z_j): 60 vertices of a truncated icosahedron",
+         {"-radius*(1 + sqrt(60/level))", "-radius*(1 + sqrt(60/level))", "-radius*(1 + sqrt(60/level))",
+          "radius*(1 + sqrt(60/level))", "radius*(1 + sqrt(60/level))", "radius*(1 + sqrt(60/level))"},
+         bucky_ball_equation()},
         // The three minimal surfaces' level sets, one period of each.
         formula("gyroid",
                 "sin(2*pi/period*x)*cos(2*pi/period*y) + sin(2*pi/period*y)*cos(2*pi/period*z)"

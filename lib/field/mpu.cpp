@@ -28,6 +28,16 @@ const double kPerEdge = std::sqrt(kMpuPerEdge2);
 /// Neighbours whose normals contradict each other: as many of so many are warned of.
 constexpr std::size_t kProbedPoints = 20'000;
 constexpr double kContradictions = 0.01;
+/// So many neighbours tell how the surface lies. To a normal across it they have a square of the cosine near 0, to one in it
+/// 1/2 on the mean; noise in all directions 1/3.
+constexpr std::size_t kAcrossPoints = 8;
+constexpr double kMostAlong = 0.4;
+/// Of the points in every coordinate, left out at both ends before the width of the others is taken; and how many widths
+/// farther a point may be. A handle with fewer points would have to be as long as that to be taken for outliers.
+constexpr double kQuantile = 0.025;
+constexpr double kFarOut = 2;
+/// Points nearer to a line, of their distance from the middle (root mean squares), are on it.
+constexpr double kOnALine = 1e-6;
 /// Rounding of places and values in the unit cube, with room.
 constexpr double kSlack = 1e-13;
 constexpr double kGradientSlack = 1e-9;
@@ -88,6 +98,65 @@ constexpr std::size_t kManyLeaves = 4096;
     for (OrientedPoint& p : points) p.position = (p.position - cube.lo) / size;
     return points;
 }
+
+/// Where the points are, but for outliers.
+struct Extent {
+    Box box;
+    std::size_t outside = 0;
+    bool is_line = false;
+
+    explicit Extent(std::span<const OrientedPoint> points) {
+        Box core;
+        double width = 0;
+        std::vector<double> values(points.size());
+        const auto skipped = static_cast<std::ptrdiff_t>(kQuantile * static_cast<double>(points.size()));
+        for (int axis = 0; axis < 3; ++axis) {
+            std::ranges::transform(points, values.begin(), [&](const OrientedPoint& p) { return p.position[axis]; });
+            const auto quantile = [&](std::ptrdiff_t k) {
+                std::nth_element(values.begin(), values.begin() + k, values.end());
+                return values[static_cast<std::size_t>(k)];
+            };
+            core.lo[axis] = quantile(skipped);
+            core.hi[axis] = quantile(static_cast<std::ptrdiff_t>(points.size()) - 1 - skipped);
+            width = std::max(width, core.hi[axis] - core.lo[axis]);
+        }
+        const Box wide{core.lo - Vec3(kFarOut * width), core.hi + Vec3(kFarOut * width)};
+        std::vector<Vec3> inner;
+        for (const OrientedPoint& p : points) {
+            if (width > 0 && !(glm::all(glm::greaterThanEqual(p.position, wide.lo)) &&
+                               glm::all(glm::lessThanEqual(p.position, wide.hi)))) {
+                ++outside;
+                continue;
+            }
+            box.include(p.position);
+            inner.push_back(p.position);
+        }
+        is_line = lie_along_a_line(inner);
+    }
+
+private:
+    [[nodiscard]] static bool lie_along_a_line(const std::vector<Vec3>& points) {
+        Vec3 middle(0.0);
+        for (const Vec3& p : points) middle += p / static_cast<double>(points.size());
+        Mat3 moments(0.0);
+        for (const Vec3& p : points)
+            for (int k = 0; k < 3; ++k) moments[k] += (p - middle)[k] * (p - middle);
+        // The direction of most of them, by powers; from the column that is longest.
+        Vec3 along = moments[0];
+        for (int k = 1; k < 3; ++k)
+            if (length(moments[k]) > length(along)) along = moments[k];
+        for (int i = 0; i < 20 && length(along) > 0; ++i) along = normalize(moments * normalize(along));
+        double off = 0;
+        double far = 0;
+        for (const Vec3& p : points) {
+            const Vec3 x = p - middle;
+            const Vec3 across = x - dot(x, along) * along;
+            off += dot(across, across);
+            far += dot(x, x);
+        }
+        return off <= kOnALine * kOnALine * far;
+    }
+};
 
 [[nodiscard]] std::vector<OrientedPoint> enough(std::vector<OrientedPoint> points) {
     points = without_duplicates(std::move(points));
@@ -252,18 +321,40 @@ MpuField::MpuField(std::vector<OrientedPoint> points, const MpuOptions& options)
           size_ = bounds_.hi.x - bounds_.lo.x;
           return PointTree(in_unit_cube(std::move(points), bounds_));
       }()) {
-    // Neighbours: how far they are, and whether they agree.
     const auto all = tree_.points();
+    const Extent extent(all);
+    if (extent.outside > 0)
+        warn("points: {} of {} lie farther than {} widths from the others, by which alone the fit's accuracy is measured",
+             extent.outside, all.size(), kFarOut);
+    if (extent.is_line)
+        throw input_error("the points lie along a line, expected points of a surface");
+
+    // Neighbours: how far they are, whether they agree, and whether they lie across the normals.
     const std::size_t step = all.size() / kProbedPoints + 1;
     std::vector<double> distances;
     std::vector<std::uint32_t> near;
     std::size_t contradict = 0;
+    double along = 0;
     for (std::size_t i = 0; i < all.size(); i += step) {
-        tree_.nearest(all[i].position, 2, near);
-        const OrientedPoint& other = all[near[0] == i ? near[1] : near[0]];
-        distances.push_back(length(other.position - all[i].position));
-        contradict += dot(vector(other.normal), vector(all[i].normal)) < -0.5 ? 1U : 0U;
+        tree_.nearest(all[i].position, kAcrossPoints + 1, near);
+        const Vec3 normal = vector(all[i].normal);
+        double squares = 0;
+        bool first = true;
+        for (const std::uint32_t k : near) {
+            if (k == i) continue;
+            const Vec3 off = all[k].position - all[i].position;
+            if (std::exchange(first, false)) {
+                distances.push_back(length(off));
+                contradict += dot(vector(all[k].normal), normal) < -0.5 ? 1U : 0U;
+            }
+            squares += dot(off, normal) * dot(off, normal) / dot(off, off);
+        }
+        along += squares / kAcrossPoints;
     }
+    if (along > kMostAlong * static_cast<double>(distances.size()))
+        throw input_error("the normals lie in the surface that the points make (mean square of their cosine with the way to a "
+                          "neighbour {:.2f}), expected across it",
+                          along / static_cast<double>(distances.size()));
     const auto middle = distances.begin() + static_cast<std::ptrdiff_t>(distances.size() / 2);
     std::nth_element(distances.begin(), middle, distances.end());
     spacing_ = *middle;
@@ -272,8 +363,7 @@ MpuField::MpuField(std::vector<OrientedPoint> points, const MpuOptions& options)
              "trusted there",
              distances.size(), contradict);
 
-    const double diagonal = length(tree_.bounds().size());
-    Builder{tree_, options, options.accuracy * diagonal}.build(*this);
+    Builder{tree_, options, options.accuracy * length(extent.box.size())}.build(*this);
 }
 
 /// Calls visit(leaf) for the leaves whose balls meet a box, ascending.

@@ -130,7 +130,9 @@ VolumeField::Samples VolumeField::samples_around(const std::array<int, 3>& cell)
                     sum += weight * static_cast<double>(grid_->at(ox ? x.other : x.at, oy ? y.other : y.at,
                                                                   oz ? z.other : z.at));
                 }
-                out[n++] = static_cast<float>(sum);
+                // A continuation beyond what a float holds ends at its largest: samples that are finite stay so.
+                constexpr double kMost = std::numeric_limits<float>::max();
+                out[n++] = static_cast<float>(std::isfinite(sum) ? std::clamp(sum, -kMost, kMost) : sum);
             }
     return out;
 }

@@ -24,7 +24,8 @@ namespace {
     SourceSettings s;
     const ConfigTable walk = input.settings.table("walk");
     if (walk.has("step")) s.walk.step = walk.number("step", kRequired, {.lo = 0, .hi = 1, .lo_open = true});
-    s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", s.walk.walkers, {.lo = 1, .hi = kMostWalkers}));
+    if (walk.has("walkers"))
+        s.walk.walkers = static_cast<std::uint32_t>(walk.integer("walkers", kRequired, {.lo = 1, .hi = kMostWalkers}));
     s.walk.thinning = static_cast<std::uint32_t>(walk.integer("thinning", s.walk.thinning, {.lo = 1, .hi = 1 << 20}));
     s.walk.drift = walk.boolean("drift", s.walk.drift);
     s.walk.start = walk.choice<WalkSettings::Start>(
@@ -57,8 +58,11 @@ namespace {
         if (sampler == name) s.kind = kind;
     s.source = read_source_settings(input);
     s.oversampling = static_cast<std::uint32_t>(input.settings.integer("oversampling", s.oversampling, {.lo = 1, .hi = 1024}));
-    if (input.settings.has("group"))
+    if (input.settings.has("group")) {
         s.group = static_cast<std::uint32_t>(input.settings.integer("group", kRequired, {.lo = 1, .hi = 65536}));
+        if (*s.group > all_repeats(input))
+            throw input_error("particles.group = {}: expected at most particles.repeats = {}", *s.group, all_repeats(input));
+    }
     if (s.kind == SamplerKind::stratified && input.shard)
         throw input_error("particles.sampler = \"stratified\" with --shard: its repeats belong together");
     s.sampler.trials = input.settings.choice<TrialLaw>(
@@ -211,6 +215,22 @@ void warn_of_opacity(const char* kind, const std::string& name, double opacity) 
         warn("{} \"{}\": opacity {} is drawn as 1 - 2^-20: at 1 particles are infinitely many", kind, name, opacity);
 }
 
+/// What stratified sets cost: their candidates.
+[[nodiscard]] Stage plan_stratified(const PreparedScene& scene, const Sources& sources, const ParticleSettings& settings) {
+    const std::uint32_t group = settings.group.value_or(
+        default_group(scene, sources, settings.repeats, settings.oversampling));
+    double all = 0;
+    double most = 0;
+    for (const auto& source : sources) {
+        const CandidatePlan plan = plan_candidates(scene, *source, settings.oversampling);
+        all += plan.particles * plan.oversampling;
+        most = std::max(most, plan.particles * plan.oversampling);
+    }
+    // Candidates of one object are held twice, while they are sorted.
+    return {"sample particles", 0, static_cast<std::int64_t>(2 * most * group * sizeof(Particle)),
+            fmt::format("{:.3g} candidates for each of {} repeats, in groups of {}", all, settings.repeats, group)};
+}
+
 [[nodiscard]] std::vector<Stage> plan_particles(const RenderInput& input) {
     const ParticleSettings settings = read_settings(input);
     const Sources sources = make_sources(input.scene, settings.kind, settings.source);
@@ -228,9 +248,11 @@ void warn_of_opacity(const char* kind, const std::string& name, double opacity) 
         {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()),
          fmt::format("{} objects", sources.size())},
         {"cut into pieces", 0, static_cast<std::int64_t>(sampler_bytes), fmt::format("{} pieces", pieces)},
-        {"sample particles", 0, static_cast<std::int64_t>(particles * batch * sizeof(Particle)),
-         fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time",
-                     particles, trials, settings.repeats, batch)},
+        settings.kind == SamplerKind::stratified
+            ? plan_stratified(input.scene, sources, settings)
+            : Stage{"sample particles", 0, static_cast<std::int64_t>(particles * batch * sizeof(Particle)),
+                    fmt::format("{:.3g} particles from {:.3g} trials in each of {} repeats, {} repeats at a time", particles,
+                                trials, settings.repeats, batch)},
         {"project and average", 0, frame_bytes(input.scene.camera, input.backend),
          input.backend.on_device() ? input.backend.device_name() : fmt::format("{} threads", thread_count())},
         {"image", 0, std::int64_t{9 * 4} * input.scene.camera.width() * input.scene.camera.height(),
@@ -281,11 +303,11 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     SamplerSettings sampler = settings.sampler;
     if (settings.kind == SamplerKind::stratified)
         sampler.stratify = StratifySettings{
-            settings.group.value_or(default_group(sources, settings.repeats, settings.oversampling)), settings.oversampling};
+            settings.group.value_or(default_group(scene, sources, settings.repeats, settings.oversampling)), settings.oversampling};
     const std::uint32_t unit = sampler.stratify ? sampler.stratify->group : 1;
     EnsembleSums group_sums{0, sums.units};
     std::uint32_t done = 0;
-    std::uint32_t goal = tiles ? std::min(std::max(16U, 2 * unit), settings.repeats) : settings.repeats;
+    std::uint32_t goal = tiles ? std::min(std::max(16U, 4 * unit), settings.repeats) : settings.repeats;
     while (done < settings.repeats) {
         const std::uint32_t count = std::min(sampler.stratify ? unit : batch, goal - done);
         const ParticleSet set = sample_particles(scene, sources, sampler, settings.first_repeat + done, count);
@@ -342,11 +364,14 @@ Method particles_method() {
              "at most one particle of an object in a pixel and repeats that make up for each other; "
              "\"brownian\": a walk on f = 0 (equations 2 and 3); \"mesh\", \"octree\": points of triangles that stand for "
              "f = 0"},
-            {"particles.group", "a quarter of repeats", "stratified: repeats that share their candidates"},
-            {"particles.oversampling", "8", "stratified: candidates for each particle of independent repeats"},
-            {"particles.walk.step", "0.01, or 0.3 of a cell",
+            {"particles.group", "1/8 of repeats",
+             "stratified: repeats that share their candidates; 1/16 while that is 64 or more. A group is one value of variance.*"},
+            {"particles.oversampling", "8",
+             "stratified: candidates for each particle of independent repeats; fewer for objects that are almost opaque"},
+            {"particles.walk.step", "0.03, or 0.3 of a cell",
              "brownian: sqrt(2 dt) as a share of the surface's width; of a cell's where volumes or points give no step"},
-            {"particles.walk.walkers", "256", "brownian: walkers of a repeat"},
+            {"particles.walk.walkers", "as many as do not clump",
+             "brownian: walkers of a repeat; few, with small steps, put several particles into one pixel and lower the opacity"},
             {"particles.walk.thinning", "1", "brownian: every k-th position is kept"},
             {"particles.walk.drift", "true", "brownian: dx^(S) of equation (3)"},
             {"particles.walk.start", "\"uniform\"", "brownian: each walker at a uniform place, or all at a \"single\" one"},
@@ -373,7 +398,8 @@ Method particles_method() {
                 warn("--max-error takes repeats for independent, which those of particles.lines = \"fast\" "
                      "are not quite: the error may be larger");
             for (const Object& object : input.scene.objects)
-                warn_of_opacity("surface", object.surface.name, object.surface.opacity * object.geometry->most_opacity());
+                if (object.geometry->patch_count() > 0)
+                    warn_of_opacity("surface", object.surface.name, object.surface.opacity * object.geometry->most_opacity());
             for (const VolumeObject& volume : input.scene.volumes)
                 warn_of_opacity("volume", volume.settings().name, volume.most_opacity());
             EnsembleSums sums = draw_particles(input.scene, settings, stats, input.progress);

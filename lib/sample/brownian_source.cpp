@@ -56,7 +56,39 @@ BrownianSource::BrownianSource(const Object& object, const Camera& camera, std::
       step_(step_of(object, settings)),
       walk_(object, step_),
       view_(camera, object.geometry->field_surface()->to_world, object.surface.opacity_law == OpacityLaw::constant) {
-    if (const auto least = thinning_.least_pixel_area(); least && places_.area() > 0) virtual_pixels_ = places_.area() / *least;
+    if (const auto least = thinning_.least_pixel_area(); least && places_.area() > 0) {
+        virtual_pixels_ = places_.area() / *least;
+        share_ = *least / (2 * M_PI * settings.thinning * step_.length * step_.length);
+    }
+    walkers_ = settings.walkers.value_or(enough_walkers());
+}
+
+double clumping(double share, double chance, double positions) {
+    const double m = std::max(1.0, positions);
+    // From c/i = chance on the walker is anywhere.
+    const double last = std::floor(std::min(m - 1, share / chance));
+    const double sure = std::floor(std::min(last, share));
+    const auto harmonic = [](double n) { return n < 1 ? 0 : std::log(n) + 0.57721566490153286 + 1 / (2 * n) - 1 / (12 * n * n); };
+    const double sum = m * sure - 0.5 * sure * (sure + 1) + share * (m * (harmonic(last) - harmonic(sure)) - (last - sure));
+    return 2 / m * sum;
+}
+
+double BrownianSource::clumping() const {
+    const double places = std::ceil(optical_depth() * virtual_pixels_ / walkers_);
+    return virtual_pixels_ > 0 ? pellucid::clumping(share_, 1 / virtual_pixels_, places) : 0;
+}
+
+/// The fewest that do not clump: e grows with the positions of a walker.
+std::uint32_t BrownianSource::enough_walkers() const {
+    const double all = std::ceil(optical_depth() * virtual_pixels_);
+    if (!(all > kLeastWalkers)) return kLeastWalkers;
+    double good = 1;
+    double bad = std::ceil(all / kLeastWalkers) + 1;
+    while (bad - good > 1) {
+        const double middle = std::floor(0.5 * (good + bad));
+        (pellucid::clumping(share_, 1 / virtual_pixels_, middle) <= kMostClumping ? good : bad) = middle;
+    }
+    return static_cast<std::uint32_t>(std::clamp<double>(std::ceil(all / good), kLeastWalkers, 0x1p31));
 }
 
 std::string BrownianSource::label() const { return fmt::format("surface \"{}\"", object_->surface.name); }
@@ -119,7 +151,7 @@ void BrownianSource::advance(Herd& herd, std::uint32_t i, Seed seed, std::uint32
 template <class Take>
 void BrownianSource::walk(Seed seed, std::uint32_t repeat, std::uint32_t count, const Take& take) const {
     if (count == 0) return;
-    const std::uint32_t n = std::min(settings_.walkers, count);
+    const std::uint32_t n = std::min(walkers_, count);
     Herd herd(n);
     const bool single = settings_.start == WalkSettings::Start::single;
     for (std::uint32_t i = 0; i < n; ++i) herd.put(i, single && i > 0 ? herd.get(0) : start(herd, seed, repeat));
@@ -182,10 +214,23 @@ void BrownianSource::trials_in_block(std::size_t, Seed seed, std::uint32_t repea
 BrownianSource::Stats BrownianSource::stats() const { return {steps_, at_borders_, lost_, restarts_}; }
 
 std::string BrownianSource::complaint() const {
-    if (static_cast<double>(lost_) <= kLostWorthAWord * static_cast<double>(steps_)) return {};
-    return fmt::format("{}: {} of {} Brownian steps found no way back to the surface and were not made, {} walkers were put "
-                       "elsewhere: a smaller particles.walk.step may help",
-                       label(), lost_.load(), steps_.load(), restarts_.load());
+    std::string words;
+    if (const double own = clumping(); own > kClumpingWorthAWord)
+        words = fmt::format("a particle shares its pixel with {:.2g} more of its own walker than by chance, so opacity is too low: "
+                            "more particles.walk.walkers (now {}), more thinning or a larger step, or no walkers stated",
+                            own, walkers_);
+    // From one place a walk of T steps spreads over T·step².
+    const double rounds = std::ceil(optical_depth() * virtual_pixels_ / walkers_);
+    const double reached = rounds * settings_.thinning * step_.length * step_.length;
+    if (settings_.start == WalkSettings::Start::single && reached < places_.area())
+        words += fmt::format("{}walkers that start at one place reach an area of {:.3g}, the surface has {:.3g}: more steps, "
+                             "a larger particles.walk.step or start = \"uniform\"",
+                             words.empty() ? "" : "; ", reached, places_.area());
+    if (static_cast<double>(lost_) > kLostWorthAWord * static_cast<double>(steps_))
+        words += fmt::format("{}{} of {} Brownian steps found no way back to the surface and were not made, {} walkers were "
+                             "put elsewhere: a smaller particles.walk.step loses fewer",
+                             words.empty() ? "" : "; ", lost_.load(), steps_.load(), restarts_.load());
+    return words.empty() ? words : fmt::format("{}: {}", label(), words);
 }
 
 }  // namespace pellucid

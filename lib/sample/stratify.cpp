@@ -1,6 +1,7 @@
 #include "sample/stratify.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <numeric>
 
@@ -14,6 +15,8 @@ namespace {
 
 /// Trials of one block that a thread takes at a time.
 constexpr std::uint32_t kTaskTrials = 1U << 16U;
+/// Groups of so many repeats are large enough: more groups tell the variance better.
+constexpr std::uint32_t kWorthMoreGroups = 64;
 
 struct Task {
     std::size_t block;
@@ -39,6 +42,7 @@ public:
         : frame_(frame),
           projection_(frame.projection(scene.camera)),
           grid_(projection_.width, projection_.height),
+          scene_(scene),
           seed_(seed),
           oversampling_(settings.oversampling),
           first_(first),
@@ -46,10 +50,11 @@ public:
 
     /// Appends the object's particles to those of each repeat.
     void add(const ParticleSource& source, std::span<std::vector<Particle>> repeats) const {
-        const auto tiles = by_tile(candidates(source));
+        const double oversampling = plan_candidates(scene_, source, oversampling_).oversampling;
+        const auto tiles = by_tile(candidates(source, oversampling));
         std::vector<std::vector<Drawn>> drawn(tiles.size());
         parallel_for(tiles.size(), 1, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t tile = begin; tile < end; ++tile) drawn[tile] = draw_tile(source, tile, tiles[tile]);
+            for (std::size_t tile = begin; tile < end; ++tile) drawn[tile] = draw_tile(source, oversampling, tile, tiles[tile]);
         });
         for (const auto& tile : drawn)
             for (const Drawn& each : tile) repeats[each.repeat].push_back(each.particle);
@@ -58,12 +63,12 @@ public:
     [[nodiscard]] const twin::Projection& projection() const { return projection_; }
 
 private:
-    [[nodiscard]] std::vector<std::vector<Particle>> candidates(const ParticleSource& source) const {
+    [[nodiscard]] std::vector<std::vector<Particle>> candidates(const ParticleSource& source, double oversampling) const {
         RandomStream counts(seed_, {.object = static_cast<std::uint32_t>(Purpose::particle_count),
                                     .repeat = first_,
                                     .index = static_cast<std::uint64_t>(source.object_id()) << 24U | 1U << 22U});
         std::vector<Task> tasks;
-        const double times = double{source.optical_depth()} * oversampling_ * count_;
+        const double times = double{source.optical_depth()} * oversampling * count_;
         for (std::size_t block = 0; block < source.block_count(); ++block) {
             const std::uint32_t trials = poisson_number(times * source.block_virtual_pixels(block), counts);
             for (std::uint32_t done = 0; done < trials; done += std::min(kTaskTrials, trials - done))
@@ -126,7 +131,7 @@ private:
     }
 
     /// Systematic sampling of every pixel's candidates, and their repeats.
-    [[nodiscard]] std::vector<Drawn> draw_tile(const ParticleSource& source, std::size_t tile,
+    [[nodiscard]] std::vector<Drawn> draw_tile(const ParticleSource& source, double oversampling, std::size_t tile,
                                                const TileCandidates& candidates) const {
         std::vector<Drawn> drawn;
         std::vector<std::uint32_t> order;
@@ -145,19 +150,19 @@ private:
             });
             const std::size_t place = grid_.row_of(tile, pixel) * static_cast<std::size_t>(projection_.width) +
                                       grid_.column_of(tile, pixel);
-            draw_pixel(source, place, {particles, size}, order, shuffled, drawn);
+            draw_pixel(source, oversampling, place, {particles, size}, order, shuffled, drawn);
         }
         return drawn;
     }
 
-    void draw_pixel(const ParticleSource& source, std::size_t place, std::span<const Particle> particles,
+    void draw_pixel(const ParticleSource& source, double oversampling, std::size_t place, std::span<const Particle> particles,
                     std::span<const std::uint32_t> order, std::vector<std::uint32_t>& shuffled,
                     std::vector<Drawn>& drawn) const {
         RandomStream random(seed_, {.object = static_cast<std::uint32_t>(Purpose::stratify),
                                     .repeat = first_,
                                     .index = static_cast<std::uint64_t>(source.object_id()) << 32U | place});
         const auto group = static_cast<double>(count_);
-        const double log_miss = std::log1p(-1 / (group * oversampling_));
+        const double log_miss = std::log1p(-1 / (group * oversampling));
         const double start = unit_interval(random());
         // Drawn are those at which the sum passes a whole number: from k on to the k that passes the next.
         std::uint32_t number = 0;
@@ -181,19 +186,52 @@ private:
     const ParticleFrame& frame_;
     twin::Projection projection_;
     TileGrid grid_;
+    const PreparedScene& scene_;
     Seed seed_;
-    double oversampling_;
-    std::uint32_t first_, count_;
+    std::uint32_t oversampling_, first_, count_;
 };
 
 }  // namespace
 
-std::uint32_t default_group(const SourceRefs& sources, std::uint32_t repeats, std::uint32_t oversampling) {
-    double candidates = 0;  // of one repeat, of the object that has most
-    for (const ParticleSource* source : sources.all())
-        candidates = std::max(candidates, oversampling * source->optical_depth() * source->virtual_pixels());
-    const double fit = std::max(1.0, std::floor(kMostCandidates / std::max(candidates, 1.0)));
-    return static_cast<std::uint32_t>(std::min<double>(fit, (repeats + 3) / 4));
+/// Λ as a particle sees it on the mean, Λ̄ = Σ Λ²/Σ Λ over the pixels: n trials that are kept fall into one cell of the
+/// image by pairs, a pair with the chance Σ p², p the cells' shares, and Λ̄ = particles·Σ p²/(pixels of a cell).
+CandidatePlan plan_candidates(const PreparedScene& scene, const ParticleSource& source, std::uint32_t oversampling) {
+    constexpr std::uint64_t kProbes = 4096;
+    constexpr int kCells = 32;  // along an edge of the image
+    CandidatePlan plan{0, static_cast<double>(oversampling)};
+    if (!(source.virtual_pixels() > 0) || !source.has_single_trials()) return plan;
+    const Camera& camera = scene.camera;
+    const int width = (camera.width() + kCells - 1) / kCells;
+    const int height = (camera.height() + kCells - 1) / kCells;
+    std::array<double, kCells * kCells> counts{};
+    double kept = 0;
+    for (std::uint64_t i = 0; i < kProbes; ++i) {
+        const auto point = source.trial({0}, ~0U, i);
+        if (!point) continue;
+        const Vec2 pixel = camera.project(point->view);
+        const int column = std::clamp(static_cast<int>(pixel.x) / width, 0, kCells - 1);
+        const int row = std::clamp(static_cast<int>(pixel.y) / height, 0, kCells - 1);
+        ++counts[static_cast<std::size_t>(row * kCells + column)];
+        ++kept;
+    }
+    plan.particles = source.optical_depth() * source.virtual_pixels() * kept / static_cast<double>(kProbes);
+    if (kept < 2) return plan;
+    double pairs = 0;
+    for (const double count : counts) pairs += count * (count - 1);
+    const double depth = plan.particles * pairs / (kept * (kept - 1)) / (width * height);
+    plan.oversampling = std::clamp(oversampling * kDenseDepth / std::max(depth, kDenseDepth), 1.0, plan.oversampling);
+    return plan;
+}
+
+std::uint32_t default_group(const PreparedScene& scene, const SourceRefs& sources, std::uint32_t repeats,
+                            std::uint32_t oversampling) {
+    double candidates = 1;  // of one repeat, of the object that has most
+    for (const ParticleSource* source : sources.all()) {
+        const CandidatePlan plan = plan_candidates(scene, *source, oversampling);
+        candidates = std::max(candidates, plan.particles * plan.oversampling);
+    }
+    const std::uint32_t group = std::max((repeats + 15) / 16, std::min(kWorthMoreGroups, (repeats + 7) / 8));
+    return static_cast<std::uint32_t>(std::clamp(std::floor(kMostCandidates / candidates), 1.0, static_cast<double>(group)));
 }
 
 std::vector<RepeatParticles> stratified_group(const PreparedScene& scene, const SourceRefs& sources,

@@ -16,6 +16,15 @@
 // that faces the camera needs  n = α S/s  particles in place of  ln(1 − α)/ln(1 − s/S)  of PBSR (1).
 // Variance of a pixel's mean over G repeats, one sheet: E[(1−q)^2M] − (E[(1−q)^M])² = e^(−2Λ)(e^(Λ/(R G)) − 1) from the
 // candidates, and φ(1 − φ)/G² (φ the fraction of c(M)) from rounding; independent repeats have e^(−Λ)(1 − e^(−Λ))/G.
+//
+// *Dense objects.* The proof holds for every R >= 1, so each object has its own: where Λ is large, candidates are many and
+// the variance e^(−2Λ)(e^(Λ/(R G)) − 1) is next to nothing anyway. R falls as 1/Λ from Λ = kDenseDepth on, to 1: what an
+// opaque object costs is at most what its independent particles cost, or R·kDenseDepth candidates a pixel and repeat.
+//
+// *Groups.* Rounding costs φ(1 − φ)/G² a group, so fewer and larger groups have less variance; more of them tell it better,
+// by one degree of freedom less than their number. default_group makes 8 groups, and up to 16 while they have 64 repeats
+// each: between 7 and 15 degrees of freedom a pixel. With few repeats (8 groups of 8) rounding alone leaves 1/6 to 2/3 of
+// the variance of independent ones, at α = 0.5 and 0.05; set `group` to the number of repeats where no variance is wanted.
 #pragma once
 
 #include <cstdint>
@@ -28,14 +37,26 @@ namespace pellucid {
 
 struct StratifySettings {
     std::uint32_t group = 64;      // G
-    std::uint32_t oversampling = 8;  // R
+    std::uint32_t oversampling = 8;  // R, of objects that are not dense
 };
+
+/// −ln(1 − α) from which on an object is dense: α = 0.95.
+inline constexpr double kDenseDepth = 3;
+
+/// What an object's candidates come to, from a few thousand trials.
+struct CandidatePlan {
+    double particles = 0;     // in view, of one independent repeat
+    double oversampling = 1;  // the object's own R
+};
+[[nodiscard]] CandidatePlan plan_candidates(const PreparedScene& scene, const ParticleSource& source,
+                                            std::uint32_t oversampling);
 
 /// Most candidates of a group that default_group allows: 16 bytes each, and as many again while they are sorted.
 inline constexpr double kMostCandidates = 0x1p25;
 
-/// A group for so many repeats in all: a quarter, so that four groups tell the variance, within kMostCandidates.
-[[nodiscard]] std::uint32_t default_group(const SourceRefs& sources, std::uint32_t repeats, std::uint32_t oversampling);
+/// A group for so many repeats in all: an eighth, a sixteenth while that is 64 or more, within kMostCandidates.
+[[nodiscard]] std::uint32_t default_group(const PreparedScene& scene, const SourceRefs& sources, std::uint32_t repeats,
+                                          std::uint32_t oversampling);
 
 /// The repeats of the group that begins with repeat `first`, a multiple of G; in `tiles` only, if given.
 [[nodiscard]] std::vector<RepeatParticles> stratified_group(const PreparedScene& scene, const SourceRefs& sources,

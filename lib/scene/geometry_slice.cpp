@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/error.hpp"
 #include "scene/geometry_makers.hpp"
 #include "scene/parallelogram.hpp"
 #include "scene/volume_object.hpp"
@@ -27,6 +28,10 @@ public:
             range.hi = std::max(range.hi, static_cast<double>(v));
         }
         most_opacity_ = transfer_.most_opacity(range.lo, range.hi);
+        if (!meets_volume()) {
+            warn("slice: its parallelogram lies wholly outside of {}, so nothing of it is seen", shape.volume.string());
+            most_opacity_ = 0;
+        }
     }
 
     [[nodiscard]] std::size_t patch_count() const override { return most_opacity_ > 0 ? 1 : 0; }
@@ -48,6 +53,31 @@ public:
     [[nodiscard]] std::size_t bytes() const override { return sizeof(*this) + field_.bytes(); }
 
 private:
+    /// The parallelogram, in samples, clipped by the six faces of the hull one after the other (Sutherland and Hodgman 1974).
+    [[nodiscard]] bool meets_volume() const {
+        const Vec3 center = to_index_.point(place_.center);
+        const Vec3 u = to_index_.vector(place_.u);
+        const Vec3 v = to_index_.vector(place_.v);
+        std::vector<Vec3> polygon{center - u - v, center + u - v, center + u + v, center - u + v};
+        const Vec3 last = field_.hull().hi;
+        for (int face = 0; face < 6; ++face) {
+            const int axis = face / 2;
+            const auto inside = [&](const Vec3& p) {
+                return face % 2 == 0 ? p[axis] + kHullRoom : last[axis] + kHullRoom - p[axis];
+            };
+            std::vector<Vec3> kept;
+            for (std::size_t i = 0; i < polygon.size(); ++i) {
+                const Vec3& a = polygon[i];
+                const Vec3& b = polygon[(i + 1) % polygon.size()];
+                const double at_a = inside(a);
+                const double at_b = inside(b);
+                if (at_a >= 0) kept.push_back(a);
+                if ((at_a >= 0) != (at_b >= 0)) kept.push_back(a + (at_a / (at_a - at_b)) * (b - a));
+            }
+            polygon = std::move(kept);
+        }
+        return !polygon.empty();
+    }
     [[nodiscard]] double value(const Vec3& world) const {
         Vec3 p = to_index_.point(world);
         const Vec3 hi = field_.hull().hi;
