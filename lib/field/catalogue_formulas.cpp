@@ -147,9 +147,9 @@ std::vector<CatalogueEntry> entries() {
         // charges, each at least radius*sqrt(60/level) away, give less. Icosahedral.
         {"bucky_ball", "level - sum_j radius^2/((x - x_j)^2 + (y - y_j)^2 + (z - z_j)^2)",
          {{"radius", 1}, {"level", 90}},
-         "[-h, h]^3, h = radius (1 + sqrt(60/level)); (x_j, y_j, z_j): 60 vertices of a truncated icosahedron",
-         {"-radius*(1 + sqrt(60/level))", "-radius*(1 + sqrt(60/level))", "-radius*(1 + sqrt(60/level))",
-          "radius*(1 + sqrt(60/level))", "radius*(1 + sqrt(60/level))", "radius*(1 + sqrt(60/level))"},
+         "[-h, h]^3, h = 1.25 radius; (x_j, y_j, z_j): 60 vertices of a truncated icosahedron",
+         {"-1.25*radius", "-1.25*radius", "-1.25*radius",
+          "1.25*radius", "1.25*radius", "1.25*radius"},
          bucky_ball_equation()},
         // The three minimal surfaces' level sets, one period of each.
         formula("gyroid",
