@@ -19,6 +19,7 @@
 #include "bench/workloads.hpp"
 #include "core/error.hpp"
 #include "core/parallel.hpp"
+#include "cpu/depth_peeling.hpp"
 #include "cpu/fast_particles.hpp"
 #include "cpu/plain_particles.hpp"
 #include "harness/provenance.hpp"
@@ -327,6 +328,29 @@ void trace_formula(benchmark::State& state) {
     state.counters["rays"] = rate(rays);
 }
 
+/// All from the mesh in memory to the composited image: to view space, snapped, binned, peeled, shaded.
+///   layers  most a pixel; 0: all
+template <int layers>
+void peel_surfaces(benchmark::State& state) {
+    static const PreparedScene scene = eight_spheres(kImageSize);
+    std::vector<Composite> image(std::size_t{kImageSize} * kImageSize);
+    std::uint64_t fragments = 0;
+    std::uint64_t most = 0;
+    for (auto _ : state) {
+        const SceneMeshes meshes(scene, {});
+        const PeelStats stats = peel(scene, meshes, all_objects(meshes), {.layers = layers, .thickness = false},
+                                     [&](int x, int y, std::span<const SurfaceFragment> list) {
+                                         image[static_cast<std::size_t>(y) * kImageSize + static_cast<std::size_t>(x)] =
+                                             composite_surfaces(list);
+                                     });
+        fragments += stats.fragments;
+        most = stats.layers;
+    }
+    benchmark::DoNotOptimize(image.data());
+    state.counters["fragments"] = rate(fragments);
+    state.counters["layers"] = static_cast<double>(most);
+}
+
 void register_all() {
     using benchmark::RegisterBenchmark;
     // Each run is long enough to be timed once; the repetitions are what counts.
@@ -369,6 +393,8 @@ void register_all() {
         once(RegisterBenchmark("sample/head_catmull_rom", sample<head<Interpolation::catmull_rom>, LineMode::exact>));
     }
     register_slab_benchmarks();
+    thrice(RegisterBenchmark("surfaces/peel_eight_spheres", peel_surfaces<0>));
+    thrice(RegisterBenchmark("surfaces/peel_four_layers", peel_surfaces<4>));
     thrice(RegisterBenchmark("truth/probe", embree_probe));
     thrice(RegisterBenchmark("truth/gather", gather_all_hits));
     once(RegisterBenchmark("truth/sextic_512", trace_formula));

@@ -136,6 +136,23 @@ PreparedScene nested_spheres(int size, double opacity) {
     return prepare(scene);
 }
 
+PreparedScene eight_spheres(int size) {
+    const TemporaryFolder scratch;
+    TriangleMesh mesh;
+    add_wavy_sphere(0.55, 91, mesh);
+    write_ply(scratch.path() / "sphere.ply", mesh);
+    Scene scene = empty_scene(size, {0, 0, 4});
+    for (int i = 0; i < 8; ++i) {
+        // Along a spiral.
+        const double turn = 2.4 * i;
+        const double radius = 0.15 * std::sqrt(i + 0.5);
+        scene.surfaces.push_back(glossy("sphere", MeshShape{scratch.path() / "sphere.ply"},
+                                        {radius * std::cos(turn), radius * std::sin(turn), 0.1 * (i % 3) - 0.1}));
+        scene.surfaces.back().opacity = 0.3;
+    }
+    return prepare(scene);
+}
+
 PreparedScene real_head(Interpolation interpolation) {
     Scene scene = empty_scene(kImageSize, {260, 300, 90});
     scene.camera.target = {0, -18, 10};

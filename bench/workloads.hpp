@@ -18,6 +18,8 @@ inline constexpr int kImageSize = 1024;
 [[nodiscard]] PreparedScene barth_sextic(int size);
 /// Eight nested wavy spheres, 1.04 million triangles, seen along −z in an image of size².
 [[nodiscard]] PreparedScene nested_spheres(int size, double opacity);
+/// Eight spheres, a little wavy, of 99 372 triangles each, that overlap and cross each other: what depth peeling is for.
+[[nodiscard]] PreparedScene eight_spheres(int size);
 inline constexpr const char* kHeadFile = "/usr/share/mricron/templates/ch2.nii.gz";
 /// The skin of the head of Debian's mricron-data, 181 x 217 x 181.
 [[nodiscard]] PreparedScene real_head(Interpolation interpolation = Interpolation::trilinear);

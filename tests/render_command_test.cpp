@@ -9,6 +9,7 @@
 
 #include "field/catalogue.hpp"
 #include "io/image_file.hpp"
+#include "render/method.hpp"
 #include "scene_testing.hpp"
 
 namespace pellucid {
@@ -139,8 +140,8 @@ TEST_F(RenderCommand, PlanTellsTheCandidatesOfStratifiedSets) {
 TEST_F(RenderCommand, ListsNameEveryMethodAndSurface) {
     const Result methods = run("--list");
     EXPECT_EQ(methods.code, 0);
-    EXPECT_EQ(std::count(methods.out.begin(), methods.out.end(), '\n'), 2);
-    for (const char* word : {"particles: ", "reference: ", "particles.repeats = 500", "reference.filter"})
+    EXPECT_EQ(std::count(methods.out.begin(), methods.out.end(), '\n'), static_cast<std::ptrdiff_t>(pellucid::methods().size()));
+    for (const char* word : {"particles: ", "reference: ", "z-test: ", "depth-peeling: ", "alpha-blend: ", "tessellate.error_px = 0.25", "particles.repeats = 500", "reference.filter"})
         EXPECT_NE(methods.out.find(word), std::string::npos) << word;
     const Result surfaces = run("--list-implicit");
     for (const CatalogueEntry& entry : catalogue())

@@ -50,11 +50,13 @@ struct DrawnObject {
 struct PixelRay {
     Ray ray;
     double length;
-    double u, v;  // from the view axis
+    Vec3 to_viewer;  // unit length
+    double u, v;     // from the view axis
 
     PixelRay(const Camera& camera, int x, int y)
         : ray(camera.ray(x + 0.5, y + 0.5)),
           length(pellucid::length(ray.direction)),
+          to_viewer(-ray.direction / length),
           u(x + 0.5 - camera.center().x),
           v(y + 0.5 - camera.center().y) {}
 };
@@ -107,7 +109,8 @@ public:
             const double cosine = std::abs(dot(geometric, pixel.ray.direction)) / (length(geometric) * pixel.length);
             alpha = object.opacity(cosine > kLeastCosine ? std::min(cosine, 1.0) : kLeastCosine, share);
         }
-        const Vec3 color = pellucid::shade(scene_, object, world, smooth);
+        const Vec3 own = object.geometry->has_color() ? object.geometry->color(world) : object.surface.color;
+        const Vec3 color = pellucid::shade(scene_.settings.lights, object.surface.shading, own, pixel.to_viewer, smooth);
         double thickness = 0;
         if (thickness_) {
             const Camera& camera = scene_.camera;
@@ -199,20 +202,21 @@ private:
             const RasterTriangle& t = bins_.triangle(tile, i);
             if (object == meshes_.objects().size() || t.number >= meshes_.first_triangle(object + 1))
                 object = meshes_.object_of(t.number);
-            triangles_.push_back(shader_.triangle(t.number, object));
-            const DepthPlane& plane = triangles_.back().plane;
             const DrawnObject& drawn = shader_.object(object);
             const bool by_depth = settings_.order.empty();
             const bool hides = by_depth && (drawn.hides() || (settings_.layers == 1 && drawn.always_there()));
-            const auto place = static_cast<std::uint32_t>(i);
+            const Vec2 axis = scene_.camera.center() - 0.5;
+            bool made = false;  // many small triangles cover no centre
             for_each_covered(t, area_, [&](int x, int y) {
-                const double z = plane.at(x + 0.5 - scene_.camera.center().x, y + 0.5 - scene_.camera.center().y);
+                if (!made) triangles_.push_back(shader_.triangle(t.number, object));
+                made = true;
+                const double z = triangles_.back().plane.at(x - axis.x, y - axis.y);
                 if (!shader_.in_range(z)) return;
                 const std::uint32_t first = by_depth ? depth_bits(z) : settings_.order[t.number];
                 const auto pixel = static_cast<std::size_t>((y - area_.y0) * kRasterTile + (x - area_.x0));
                 if (first > nearest_hidden_[pixel]) return;
                 if (hides) nearest_hidden_[pixel] = first;
-                keys_.push_back(make_key(first, place));
+                keys_.push_back(make_key(first, static_cast<std::uint32_t>(triangles_.size() - 1)));
                 where_.push_back(static_cast<std::uint16_t>(pixel));
             });
         }

@@ -32,6 +32,12 @@ TWIN_FN LightSums add_light(LightSums sums, Vec3f n, Vec3f v, Vec3f l, float int
     return r;
 }
 
+// The same where nothing glosses: add_light(...).diffuse to the last bit.
+TWIN_FN float add_diffuse(float sum, Vec3f n, Vec3f l, float intensity) {
+    TWIN_PRECISE float diffuse = sum + intensity * max(0.0f, dot3(n, l));
+    return diffuse;
+}
+
 // One channel of the shaded colour.
 TWIN_FN float shaded_channel(float color, LightSums sums, float ambient, float diffuse, float specular) {
     TWIN_PRECISE float r = color * (ambient + diffuse * sums.diffuse) + specular * sums.specular;

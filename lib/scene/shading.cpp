@@ -21,13 +21,20 @@ Vec3 shade(const PreparedScene& scene, const Object& object, const Vec3& world, 
 Vec3 shade(const Camera& camera, std::span<const Light> lights, const Shading& s, const Vec3& color, const Vec3& world,
            const Vec3& normal) {
     if (s.flat) return color;
+    return shade(lights, s, color, -normalize(camera.ray_direction(world)), normal);
+}
 
-    const twin::Vec3f to_viewer = narrow(-normalize(camera.ray_direction(world)));
+Vec3 shade(std::span<const Light> lights, const Shading& s, const Vec3& color, const Vec3& viewer, const Vec3& normal) {
+    if (s.flat) return color;
+    const twin::Vec3f to_viewer = narrow(viewer);
     const twin::Vec3f n = twin::turned_to(narrow(normalize(normal)), to_viewer);
     twin::LightSums sums{0, 0};
     for (const Light& light : lights) {
         const twin::Vec3f to_light = light.headlight ? to_viewer : narrow(light.direction);
-        sums = twin::add_light(sums, n, to_viewer, to_light, static_cast<float>(light.intensity),
+        if (s.specular == 0)
+            sums.diffuse = twin::add_diffuse(sums.diffuse, n, to_light, static_cast<float>(light.intensity));
+        else
+            sums = twin::add_light(sums, n, to_viewer, to_light, static_cast<float>(light.intensity),
                                static_cast<float>(s.shininess));
     }
     Vec3 shaded;

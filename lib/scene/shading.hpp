@@ -15,6 +15,9 @@ namespace pellucid {
 /// The same for a point with a colour of its own.
 [[nodiscard]] Vec3 shade(const Camera& camera, std::span<const Light> lights, const Shading& shading, const Vec3& color,
                          const Vec3& world, const Vec3& normal);
+/// The same where the direction to the viewer is known: unit length.
+[[nodiscard]] Vec3 shade(std::span<const Light> lights, const Shading& shading, const Vec3& color, const Vec3& to_viewer,
+                         const Vec3& normal);
 /// Of a volume, from its value there. Normal −∇f/|∇f|; the unlit colour where ∇f = 0.
 ///   gradient  per index
 [[nodiscard]] Vec3 shade(const PreparedScene& scene, const VolumeObject& volume, const Vec3& world, const Vec3& color,

@@ -8,6 +8,7 @@
 #include "core/parallel.hpp"
 #include "sample/surface_mesh.hpp"
 #include "sample/view_thinning.hpp"
+#include "stage/refine_mesh.hpp"
 
 namespace pellucid {
 namespace {
@@ -34,6 +35,18 @@ constexpr std::size_t kVerticesAtOnce = 4096;
     return area ? std::optional(std::sqrt(*area)) : std::nullopt;
 }
 
+/// Cells of the grid that finds the surface before it is refined: a part of it that is smaller than a cell may be missed.
+constexpr double kCellPixels = 6;
+constexpr int kLeastCells = 32;
+constexpr int kMostCells = 192;
+
+/// Along the longest edge of the bounds.
+[[nodiscard]] int cells_of(const Object& object, double pixel_side) {
+    const Vec3 size = object.geometry->bounds().size();
+    const double wanted = std::max({size.x, size.y, size.z}) / (kCellPixels * pixel_side);
+    return static_cast<int>(std::clamp<double>(std::ceil(wanted), kLeastCells, kMostCells));
+}
+
 [[nodiscard]] ObjectMesh mesh_of(const PreparedScene& scene, std::size_t number, const TessellationSettings& settings) {
     const Object& object = scene.objects[number];
     const SurfaceGeometry& geometry = *object.geometry;
@@ -46,11 +59,13 @@ constexpr std::size_t kVerticesAtOnce = 4096;
         TriangleMesh mesh;
         const auto side = least_pixel_side(object, scene.camera);
         if (geometry.patch_count() > 0 && side) {
-            SurfaceTriangles found = tessellate(object, cells_for_error(object, settings.error_px * *side));
-            out.error_px = found.error / *side;
-            if (out.error_px > settings.error_px)
-                warn("surface \"{}\": its triangles are up to {:.2g} pixels from it, tessellate.error_px = {}",
-                     object.surface.name, out.error_px, settings.error_px);
+            RefinedMesh found =
+                refine_mesh(object, scene.camera, tessellate(object, cells_of(object, *side)).mesh, settings.error_px);
+            out.error_px = found.error_px;
+            if (found.off > 0)
+                warn("surface \"{}\": {} of its {} triangles are off by more than tessellate.error_px = {}, up to {:.2g}: beside "
+                     "places where its gradient vanishes or jumps",
+                     object.surface.name, found.off, found.mesh.triangles.size(), settings.error_px, found.error_px);
             mesh = std::move(found.mesh);
         }
         out.mesh = std::make_shared<const TriangleMesh>(std::move(mesh));
@@ -118,12 +133,11 @@ MeshPlan plan_meshes(const PreparedScene& scene, const TessellationSettings& set
             ++plan.tessellated;
             const auto side = least_pixel_side(object, scene.camera);
             if (geometry.patch_count() == 0 || !side) continue;
-            // Triangles grow with the square of the cells, and the error falls with it.
+            // Triangles grow with the square of the cells; or with the error, which falls with it.
             const SurfaceTriangles coarse = tessellate(object, kCoarse);
-            const double error = settings.error_px * *side;
-            const double most = double{kMostMeshCells} / kCoarse;
-            const double finer = std::min(std::max(4.0, 1.1 * 1.1 * coarse.error / error), most * most);
-            const double triangles = finer * static_cast<double>(coarse.mesh.triangles.size());
+            const double finest = std::pow(static_cast<double>(cells_of(object, *side)) / kCoarse, 2);
+            const double refined = coarse.error / (settings.error_px * *side);
+            const double triangles = std::max(finest, std::min(refined, 16 * finest)) * static_cast<double>(coarse.mesh.triangles.size());
             plan.triangles += triangles;
             plan.bytes += static_cast<std::int64_t>(kBytesATriangle * triangles);
         } else {

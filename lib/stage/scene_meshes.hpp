@@ -3,8 +3,8 @@
 //   mesh               its own triangles
 //   rectangle, slice   two triangles; image and transfer function are asked at every fragment
 //   implicit, expression, isosurface, points
-//                      Marching Tetrahedra (sample/surface_mesh.hpp), fine enough that a facet's middle is nowhere
-//                      farther from the surface than `error_px` pixels where the surface is nearest to the eye
+//                      Marching Tetrahedra (sample/surface_mesh.hpp) on a coarse grid, then refined (stage/refine_mesh.hpp)
+//                      until the middles of edges and facets are within `error_px` pixels of the surface
 #pragma once
 
 #include <array>
@@ -31,8 +31,8 @@ struct ObjectMesh {
     /// Normals of the mesh are gradients of the field that the surface is a zero of: they, interpolated, are the
     /// geometric normal, not those of facets.
     bool of_field = false;
-    /// Largest distance of a facet's middle from the surface, |f|/|∇f|, in pixels where the surface is nearest: the
-    /// facet's middle is where a chord is farthest from its arc. 0 where the triangles are the surface.
+    /// Largest distance of the middle of an edge or a facet from the surface, |f|/|∇f|, in pixels at its depth: there a chord
+    /// is farthest from its arc. An estimate to first order; 0 where the triangles are the surface.
     double error_px = 0;
 
     [[nodiscard]] std::size_t bytes() const;
@@ -41,7 +41,7 @@ struct ObjectMesh {
 /// All triangles of a scene have one number: those of the first object, of the second, …
 class SceneMeshes {
 public:
-    /// Where the cells that `error_px` asks for are more than kMostMeshCells, the error that is left is warned of.
+    /// What is left beside singular places is warned of.
     ///   takes  objects that are to have triangles; absent: all
     SceneMeshes(const PreparedScene& scene, const TessellationSettings& settings,
                 const std::function<bool(const Object&)>& takes = {});
