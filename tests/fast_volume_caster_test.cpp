@@ -174,6 +174,46 @@ TEST(FastMultiVolume, ImagesAreThoseOfThePlainVersion) {
         }
 }
 
+TEST(FastMultiVolume, SurfacesCutStepsAsInThePlainVersion) {
+    const fs::path folder = test_folder();
+    Scene settings = scene_of(folder, Samples::bytes, kTransfers[0], kFlat, 2).settings;
+    Surface iso;
+    iso.name = "iso";
+    iso.shape = IsosurfaceShape{folder / "v.nrrd", 150};
+    iso.opacity = 0.3;
+    iso.to_world = settings.volumes[1].to_world;
+    settings.surfaces.push_back(iso);
+    const PreparedScene scene = prepare(settings);
+    // Three planes across the view, two of them at one depth, in a chequerboard of rays.
+    const auto planes = [&](int y0, int y1) {
+        SurfaceLayers layers;
+        layers.first.push_back(0);
+        for (int y = 2 * y0; y < 2 * y1; ++y)
+            for (int x = 0; x < 44; ++x) {
+                if ((x + y) % 2 == 0)
+                    for (const Slab& s : {Slab{3.9F, 0, 0.1F, 0, 0, 0.1F}, Slab{5, 0, 0, 0.2F, 0, 0.2F}, Slab{5, 0, 0.3F, 0, 0, 0.4F}})
+                        layers.slabs.push_back(s);
+                layers.first.push_back(layers.slabs.size());
+            }
+        return layers;
+    };
+    MultiVolumeStats stats;
+    const MultiVolumeSettings cast{.step = 0.8, .rays = 2, .opaque_at = 1};
+    const Image plain = cast_volumes(scene, cast, stats, [](double) {}, planes);
+    const Image without = cast_volumes(scene, cast, stats, [](double) {});
+    double differs = 0;
+    for (const std::int64_t target : simd_targets()) {
+        const ChosenTarget chosen(target);
+        const Image fast = cast_volumes_fast(scene, cast, stats, [](double) {}, planes);
+        for (const char* plane : {"R", "G", "B", "A"})
+            for (std::size_t i = 0; i < plain.pixel_count(); ++i) {
+                ASSERT_NEAR(fast.plane(plane)[i], plain.plane(plane)[i], 3e-4) << plane << i;
+                differs += static_cast<double>(std::abs(fast.plane(plane)[i] - without.plane(plane)[i]));
+            }
+    }
+    EXPECT_GT(differs, 10);
+}
+
 TEST(FastMultiVolume, OtherInterpolationsGoThePlainWay) {
     for (const char* interpolation : {"nearest", "catmull-rom"}) {
         const PreparedScene scene = scene_of(test_folder(), Samples::floats, kTransfers[0], kLit, 2, interpolation);

@@ -573,9 +573,62 @@ TEST(MultiVolume, MoreRaysAreTheMeanOfTheirPixels) {
     }
 }
 
-TEST(MultiVolume, RefusesWhatItCannotDraw) {
+Image render(const std::string& toml, const std::string& settings = "") {
+    const PreparedScene scene = prepare(scene_from(toml));
+    const Config config = Config::parse("[mdvr]\n" + settings, "test.toml", "/");
+    RenderStats stats;
+    const RenderInput input{scene, config.root().table("mdvr"), {}, {}};
     const Method& method = method_by_name("mdvr");
-    const auto why = method.refusal(scene_from(head() + "[[surface]]\nname = \"ring\"\nimplicit = \"torus\"\n"));
+    EXPECT_FALSE(method.plan(input).empty());
+    return method.render(input, stats);
+}
+
+TEST(Mdvr, SheetsLieBetweenThePartsOfAMediumAtEveryRay) {
+    const auto sheet = [](double z, const char* color, double opacity) {
+        return fmt::format(
+            "[[surface]]\nrectangle = {{ center = [0, 0, {}] }}\ncolor = [{}]\nopacity = {}\nshading = \"flat\"\n",
+            z, color, opacity);
+    };
+    // Blue medium of 0.5 a unit; sheets in front, inside of a cell, on a face of cells, behind.
+    const std::string medium = volume("1", "[[0, 0, 0, 1, 0.5]]", "", 1);
+    double clear = 1, r = 0, g = 0, b = 0;
+    const auto pass = [&](double& sum, double alpha) {
+        sum += clear * alpha;
+        clear *= 1 - alpha;
+    };
+    pass(r, 0.3);
+    pass(b, 1 - std::pow(0.5, 0.8));
+    pass(g, 0.4);
+    pass(b, 1 - std::pow(0.5, 0.7));
+    pass(r, 0.2);
+    pass(b, 1 - std::pow(0.5, 0.5));
+    pass(g, 1);
+    const std::string toml = head(5) + medium + sheet(1.5, "1, 0, 0", 0.3) + sheet(0.2, "0, 1, 0", 0.4) +
+                             sheet(-0.5, "1, 0, 0", 0.2) + sheet(-2, "0, 1, 0", 1);
+    for (const char* settings : {"opaque_at = 1", "opaque_at = 1\nrays = 3\nstep = 0.37", "opaque_at = 1\nskip = false\nstep = 9"}) {
+        const Image image = render(toml, settings);
+        for (std::size_t i = 0; i < 25; ++i) {
+            EXPECT_NEAR(at(image, "R", i), r, 2e-6);
+            EXPECT_NEAR(at(image, "G", i), g, 2e-6);
+            EXPECT_NEAR(at(image, "B", i), b, 2e-6);
+            EXPECT_NEAR(at(image, "A", i), 1, 1e-6);
+            EXPECT_NEAR(at(image, "Z", i), 2.5, 1e-6);
+        }
+    }
+}
+
+TEST(Mdvr, DrawsSurfacesWithoutVolumes) {
+    const Image image = render(head(8, 3) + "[[surface]]\nimplicit = \"sphere\"\nopacity = 0.5\nshading = \"flat\"\ncolor = [1, 1, 1]\n");
+    EXPECT_NEAR(at(image, "A", 8 * 4 + 4), 0.75, 1e-6);
+    EXPECT_NEAR(at(image, "Z", 8 * 4 + 4), 4 - std::sqrt(1 - 2 * 0.1875 * 0.1875), 0.1);
+    EXPECT_EQ(at(image, "A", 0), 0);
+    EXPECT_EQ(at(image, "Z", 0), kInfinity);
+}
+
+TEST(Mdvr, RefusesContours) {
+    const Method& method = method_by_name("mdvr");
+    const auto why = method.refusal(scene_from(head() +
+        "[[surface]]\nname = \"ring\"\nimplicit = \"torus\"\ncontours = [{ field = \"y\", spacing = 0.2, width_px = 2, color = [0, 0, 0] }]\n"));
     ASSERT_TRUE(why.has_value());
     EXPECT_NE(why->find("ring"), std::string::npos);
     EXPECT_FALSE(method.refusal(scene_from(head() + volume("1", "[[0, 1, 1, 1, 0.5]]"))).has_value());

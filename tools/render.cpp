@@ -202,7 +202,8 @@ int run(RenderOptions options) {
                                 if (reached > shown) bar.step(reached - std::exchange(shown, reached));
                             },
                             .backend = backend,
-                            .shard = options.shard ? &shard : nullptr};
+                            .shard = options.shard ? &shard : nullptr,
+                            .tessellate = settings.root().table("tessellate")};
     method.check_settings(input);
     settings.finish();
     if (options.plan) {

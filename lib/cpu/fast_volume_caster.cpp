@@ -91,6 +91,8 @@ struct Packet {
     alignas(64) std::array<PacketRow, 3> to_viewer;  // unit vectors
     alignas(64) PacketRow z, dt;        // depth is z + u·dt
     std::array<double, kPacketRays> dt_exact;
+    std::array<std::vector<DepthLayer>, kPacketRays> layers;  // surfaces
+    bool has_layers = false;
 };
 /// What has been gathered: associated colour, transmittance, and u where something was seen first.
 struct PacketSums {
@@ -400,9 +402,9 @@ public:
         value_ = value_of(cell_at(volume_->packed, index(u_)));
         piece_ = piece_of(volume_->packed.transfer, value_);
     }
-    /// Step i of those that are `alive`.
-    HWY_INLINE StepLook step(V i, M alive, const V3& viewer) {
-        const V u = clamp(hn::Add(i, set(1.0F)), u_in_, u_out_);
+    /// Of those that are `alive`, on to u = `target`.
+    HWY_INLINE StepLook step(V target, M alive, const V3& viewer) {
+        const V u = clamp(target, u_in_, u_out_);
         const V share = hn::Sub(u, u_);
         const V value = value_of(cell_at(volume_->packed, index(u)));
         const M inside = hn::And(alive, hn::Gt(share, set(0)));
@@ -512,7 +514,7 @@ void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSett
             }
             if (!primed) walk.prime(set(i));
             primed = true;
-            const StepLook look = walk.step(set(i), alive, rays.viewer);
+            const StepLook look = walk.step(set(i + 1), alive, rays.viewer);
             const M seen = hn::Gt(look.opacity, set(0));
             look_ahead = hn::AllFalse(F(), seen);
             if (look_ahead) continue;
@@ -592,12 +594,31 @@ private:
     V total_;
 };
 
-/// All volumes together, composited.
+/// The next surface of each ray.
+struct NextLayers {
+    alignas(64) PacketRow u;
+    alignas(64) std::array<PacketRow, 4> rgba;
+    std::array<std::size_t, kPacketRays> next;
+
+    void read(const Packet& packet, std::size_t ray, std::size_t k) {
+        const auto& layers = packet.layers[ray + k];
+        if (next[k] == layers.size()) {
+            u[k] = Walk::kNever;
+            return;
+        }
+        const DepthLayer& layer = layers[next[k]++];
+        u[k] = static_cast<float>(layer.t / packet.dt_exact[ray + k] - static_cast<double>(packet.first));
+        const std::array<float, 4> channels{layer.slab.r, layer.slab.g, layer.slab.b, layer.slab.a};
+        for (std::size_t c = 0; c < 4; ++c) rgba[c][k] = channels[c];
+    }
+};
+
+/// All volumes together, composited, with surfaces between the parts of their steps.
 void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, const PacketSettings& settings,
                PacketSums& out) {
     const std::size_t lanes = hn::Lanes(F());
+    const std::size_t count = volumes.size();
     for (std::size_t ray = 0; ray < kPacketRays; ray += lanes) {
-        const std::size_t count = volumes.size();
         std::array<Walk, kMostVolumes> walks;
         std::array<float, kMostVolumes> next{}, primed{};
         std::array<bool, kMostVolumes> look_ahead{};
@@ -606,12 +627,23 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
             primed[v] = -1;
             look_ahead[v] = true;
         }
+        NextLayers layers{};
+        layers.u.fill(Walk::kNever);
+        if (packet.has_layers)
+            for (std::size_t k = 0; k < lanes; ++k) layers.read(packet, ray, k);
         Rays rays{set(1.0F), load(packet.last, ray),
                   {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
         V3 color{set(0), set(0), set(0)};
         V first = set(Walk::kNever);
+        const auto add = [&](const V3& associated, V opacity, V begin, M those) {
+            const V share = hn::IfThenElseZero(those, rays.clear);
+            color = {add_product(color.x, share, associated.x), add_product(color.y, share, associated.y),
+                     add_product(color.z, share, associated.z)};
+            rays.clear = hn::Mul(rays.clear, hn::Sub(set(1.0F), hn::IfThenElseZero(those, opacity)));
+            first = hn::IfThenElse(hn::And(those, hn::Gt(opacity, set(0))), hn::Min(first, begin), first);
+        };
         for (float i = 0;; i += 1) {
-            const M alive = rays.alive(settings.least_clear, set(i));
+            M alive = rays.alive(settings.least_clear, set(i));
             if (hn::AllFalse(F(), alive)) break;
             // Where the last step of a volume showed nothing: when does it again?
             float soonest = Walk::kNever;
@@ -619,36 +651,49 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
                 if (next[v] <= i && look_ahead[v]) next[v] = walks[v].next_step(set(i), alive);
                 soonest = std::min(soonest, std::max(next[v], i));
             }
+            if (packet.has_layers) {
+                const V u = hn::IfThenElse(alive, load(layers.u, 0), set(Walk::kNever));
+                soonest = std::min(soonest, std::max(hn::GetLane(hn::MinOfLanes(F(), hn::Floor(u))), i));
+            }
             if (soonest >= Walk::kNever) break;
             i = soonest;
-            StepLook sum;
-            V begin = set(Walk::kNever);
-            if (count == 1) {
-                if (primed[0] != i) walks[0].prime(set(i));
-                sum = walks[0].step(set(i), alive, rays.viewer);
-                primed[0] = i + 1;
-                look_ahead[0] = hn::AllFalse(F(), hn::Gt(sum.opacity, set(0)));
-                begin = walks[0].front();
-            } else {
+            std::array<bool, kMostVolumes> seen{};
+            for (std::size_t v = 0; v < count; ++v) {
+                if (next[v] <= i && primed[v] != i) walks[v].prime(set(i));
+            }
+            for (;;) {
+                const V target = hn::Min(set(i + 1), load(layers.u, 0));
                 Mixture mixture;
+                V begin = set(Walk::kNever);
                 for (std::size_t v = 0; v < count; ++v) {
                     if (next[v] > i) continue;
-                    if (primed[v] != i) walks[v].prime(set(i));
-                    const StepLook look = walks[v].step(set(i), alive, rays.viewer);
-                    const M seen = hn::Gt(look.opacity, set(0));
-                    primed[v] = i + 1;
-                    look_ahead[v] = hn::AllFalse(F(), seen);
-                    if (look_ahead[v]) continue;
+                    const StepLook look = walks[v].step(target, alive, rays.viewer);
+                    const M visible = hn::Gt(look.opacity, set(0));
+                    if (hn::AllFalse(F(), visible)) continue;
+                    seen[v] = true;
                     mixture.add(look, settings.mixing);
-                    begin = hn::IfThenElse(seen, hn::Min(begin, walks[v].front()), begin);
+                    begin = hn::IfThenElse(visible, hn::Min(begin, walks[v].front()), begin);
                 }
-                if (mixture.empty()) continue;
-                sum = mixture.result(settings.mixing);
+                if (!mixture.empty()) {
+                    const StepLook sum = mixture.result(settings.mixing);
+                    add(sum.color, sum.opacity, begin, alive);
+                }
+                if (!packet.has_layers) break;
+                const V u = load(layers.u, 0);
+                const M met = hn::Lt(u, set(i + 1));
+                if (hn::AllFalse(F(), met)) break;
+                alive = hn::And(alive, hn::Gt(rays.clear, set(settings.least_clear)));
+                add({load(layers.rgba[0], 0), load(layers.rgba[1], 0), load(layers.rgba[2], 0)},
+                    load(layers.rgba[3], 0), u, hn::And(alive, met));
+                alive = hn::And(alive, hn::Gt(rays.clear, set(settings.least_clear)));
+                for (std::size_t k = 0; k < lanes; ++k)
+                    if (layers.u[k] < i + 1) layers.read(packet, ray, k);
             }
-            color = {add_product(color.x, rays.clear, sum.color.x), add_product(color.y, rays.clear, sum.color.y),
-                     add_product(color.z, rays.clear, sum.color.z)};
-            rays.clear = hn::Mul(rays.clear, hn::Sub(set(1.0F), sum.opacity));
-            first = hn::IfThenElse(hn::Gt(sum.opacity, set(0)), hn::Min(first, begin), first);
+            for (std::size_t v = 0; v < count; ++v) {
+                if (next[v] > i) continue;
+                primed[v] = i + 1;
+                look_ahead[v] = !seen[v];
+            }
         }
         store(color.x, out.color[0], ray);
         store(color.y, out.color[1], ray);
@@ -674,7 +719,7 @@ HWY_EXPORT(cast_sums);
 constexpr double kMostSteps = 1 << 20;
 
 /// Rays through image positions x, y.
-void make_packet(const Camera& camera, const std::vector<const FastVolume*>& volumes,
+void make_packet(const Camera& camera, double step, const std::vector<const FastVolume*>& volumes,
                  const std::array<Vec2, kPacketRays>& at, std::size_t count, Packet& packet) {
     packet.in.resize(volumes.size());
     packet.first = std::numeric_limits<std::int64_t>::max();
@@ -697,14 +742,20 @@ void make_packet(const Camera& camera, const std::vector<const FastVolume*>& vol
             in.d[a].fill(0);
         }
     }
+    for (std::size_t r = 0; r < count; ++r) {
+        packet.dt_exact[r] = step / length(rays[r].direction);
+        if (packet.has_layers && !packet.layers[r].empty())
+            packet.first = std::min(packet.first, static_cast<std::int64_t>(std::floor(packet.layers[r].front().t / packet.dt_exact[r])));
+    }
     if (packet.first == std::numeric_limits<std::int64_t>::max()) return;
     const auto first = static_cast<double>(packet.first);
     for (std::size_t r = 0; r < count; ++r) {
+        if (packet.has_layers && !packet.layers[r].empty())
+            packet.last[r] = static_cast<float>(packet.layers[r].back().t / packet.dt_exact[r] - first) + 1;
         const Vec3 viewer = -normalize(rays[r].direction);
         for (std::size_t a = 0; a < 3; ++a) packet.to_viewer[a][r] = static_cast<float>(viewer[static_cast<int>(a)]);
         for (std::size_t v = 0; v < volumes.size(); ++v) {
             const VolumeCaster::Progress& p = progress[v][r];
-            packet.dt_exact[r] = p.dt;
             packet.z[r] = static_cast<float>(first * p.dt);
             packet.dt[r] = static_cast<float>(p.dt);
             if (p.done()) continue;
@@ -728,6 +779,7 @@ void make_packet(const Camera& camera, const std::vector<const FastVolume*>& vol
 
 struct FastVolumeCaster::Parts {
     const Camera* camera;
+    double step;
     std::unique_ptr<FastVolume> fast;
     std::unique_ptr<VolumeCaster> plain;
 };
@@ -735,6 +787,7 @@ struct FastVolumeCaster::Parts {
 FastVolumeCaster::FastVolumeCaster(const PreparedScene& scene, const VolumeObject& volume, const CastSettings& settings)
     : parts_(std::make_unique<Parts>()) {
     parts_->camera = &scene.camera;
+    parts_->step = settings.step;
     const bool fits = scene.camera.far() / settings.step < kMostSteps || volume.bounds().empty() ||
                       length(volume.bounds().size()) / settings.step < kMostSteps;
     if (PackedVolume::takes(volume) && fits)
@@ -770,7 +823,7 @@ void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) c
         return;
     }
     static thread_local Packet packet;
-    make_packet(camera, {parts_->fast.get()}, at, count, packet);
+    make_packet(camera, parts_->step, {parts_->fast.get()}, at, count, packet);
     HWY_DYNAMIC_DISPATCH(cast_slabs)(*parts_->fast, packet, {SlabMixing::average, true, 1 - opaque_at}, out);
     // Rays were packed; put them where their pixels are, from the last on.
     for (std::size_t r = count; r-- > 0;)
@@ -780,20 +833,23 @@ void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) c
 // ---- All volumes ------------------------------------------------------------------------------
 
 Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& settings, MultiVolumeStats& stats,
-                        const std::function<void(double)>& progress) {
+                        const std::function<void(double)>& progress, const FindSurfaces& surfaces) {
     const CastSettings cast{.step = common_step(scene, settings.step), .skip = settings.skip};
-    bool all = scene.objects.empty() && cast.step > 0;
-    double reach = 0;
+    bool all = true;
+    double reach = scene.camera.far() - scene.camera.near();
+    std::size_t count = 0;
     for (const VolumeObject& volume : scene.volumes) {
         if (volume.bounds().empty()) continue;
         all = all && PackedVolume::takes(volume);
         reach += length(volume.bounds().size());
+        ++count;
     }
-    if (!all || scene.volumes.size() > kMostVolumes || reach / cast.step > kMostSteps) return cast_volumes(scene, settings, stats, progress);
+    if (!all || count > kMostVolumes || reach / cast.step > kMostSteps)
+        return cast_volumes(scene, settings, stats, progress, surfaces);
 
     Stopwatch watch;
     std::vector<FastVolume> volumes;
-    volumes.reserve(scene.volumes.size());
+    volumes.reserve(count);
     std::vector<const FastVolume*> pointers;
     for (const VolumeObject& volume : scene.volumes)
         if (!volume.bounds().empty()) {
@@ -801,62 +857,80 @@ Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& s
             pointers.push_back(&volumes.back());
             stats.bytes += static_cast<std::int64_t>(volumes.back().packed.bytes());
         }
-    stats.prepare_s = watch.lap();
+    const LayersOfRay layers_of_ray(scene, cast);
+    stats.bytes += static_cast<std::int64_t>(layers_of_ray.bytes());
+    stats.prepare_s += watch.lap();
 
     const Camera& camera = scene.camera;
     Image image(camera.width(), camera.height());
     std::array<std::span<float>, 5> planes;
     const std::array<const char*, 5> names{"R", "G", "B", "A", "Z"};
     for (std::size_t i = 0; i < 5; ++i) planes[i] = image.add(names[i]);
+    const auto wide = [](int number) { return static_cast<std::size_t>(number); };
     const int n = settings.rays;
     const int columns = (camera.width() + kPacketSide - 1) / kPacketSide;
     const int rows = (camera.height() + kPacketSide - 1) / kPacketSide;
+    const int band = surfaces ? std::max(1, rows_of_band(camera, n) / kPacketSide) : std::max(1, rows);
     std::atomic<int> done{0};
-    parallel_for(static_cast<std::size_t>(rows), 1, [&](std::size_t begin, std::size_t end) {
-        Packet packet;
-        PacketSums sums;
-        for (std::size_t row = begin; row < end; ++row) {
-            for (int column = 0; column < columns; ++column) {
-                std::array<Vec2, kPacketRays> at;
-                std::array<std::size_t, kPacketRays> pixel{};
-                std::size_t count = 0;
-                for (int i = 0; i < static_cast<int>(kPacketRays); ++i) {
-                    const int x = column * kPacketSide + i % kPacketSide;
-                    const int y = static_cast<int>(row) * kPacketSide + i / kPacketSide;
-                    if (x >= camera.width() || y >= camera.height()) continue;
-                    pixel[count] = static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width()) +
-                                   static_cast<std::size_t>(x);
-                    at[count++] = {x, y};
-                }
-                std::array<std::array<double, 5>, kPacketRays> total{};
-                for (auto& t : total) t[4] = kInfinity;
-                for (int part = 0; part < n * n; ++part) {
-                    std::array<Vec2, kPacketRays> places = at;
-                    for (Vec2& p : places) p += Vec2((part % n + 0.5) / n, (part / n + 0.5) / n);
-                    make_packet(camera, pointers, places, count, packet);
-                    HWY_DYNAMIC_DISPATCH(cast_sums)
-                    (volumes, packet, {settings.mixing, settings.skip, 1 - settings.opaque_at}, sums);
-                    for (std::size_t r = 0; r < count; ++r) {
-                        for (std::size_t c = 0; c < 3; ++c) total[r][c] += static_cast<double>(sums.color[c][r]);
-                        total[r][3] += static_cast<double>(sums.clear[r]);
-                        if (sums.clear[r] < 1)
-                            total[r][4] = std::min(total[r][4], (static_cast<double>(packet.first) +
-                                                                 static_cast<double>(sums.u[r])) *
-                                                                    packet.dt_exact[r]);
+    for (int first_row = 0; first_row < rows; first_row += band) {
+        const int y0 = first_row * kPacketSide;
+        const int end_row = std::min(first_row + band, rows);
+        const SurfaceLayers layers =
+            surfaces ? surfaces(y0, std::min(end_row * kPacketSide, camera.height())) : SurfaceLayers{};
+        stats.surfaces_s += watch.lap();
+        parallel_for(wide(end_row - first_row), 1, [&](std::size_t begin, std::size_t end) {
+            Packet packet;
+            packet.has_layers = static_cast<bool>(surfaces) || !layers_of_ray.none();
+            PacketSums sums;
+            for (std::size_t row = begin; row < end; ++row) {
+                for (int column = 0; column < columns; ++column) {
+                    std::array<glm::ivec2, kPacketRays> at{};
+                    std::size_t rays = 0;
+                    for (int i = 0; i < static_cast<int>(kPacketRays); ++i) {
+                        const glm::ivec2 p(column * kPacketSide + i % kPacketSide,
+                                           y0 + static_cast<int>(row) * kPacketSide + i / kPacketSide);
+                        if (p.x < camera.width() && p.y < camera.height()) at[rays++] = p;
+                    }
+                    std::array<std::array<double, 5>, kPacketRays> total{};
+                    for (auto& t : total) t[4] = kInfinity;
+                    for (int part = 0; part < n * n; ++part) {
+                        const int i = part % n, j = part / n;
+                        std::array<Vec2, kPacketRays> places;
+                        for (std::size_t r = 0; r < rays; ++r) {
+                            places[r] = {at[r].x + (i + 0.5) / n, at[r].y + (j + 0.5) / n};
+                            if (!packet.has_layers) continue;
+                            const std::size_t number =
+                                (wide(at[r].y - y0) * wide(n) + wide(j)) * wide(camera.width()) * wide(n) +
+                                wide(at[r].x) * wide(n) + wide(i);
+                            layers_of_ray.find(camera.ray(places[r].x, places[r].y), layers.of(number), settings.mixing,
+                                               packet.layers[r]);
+                        }
+                        make_packet(camera, cast.step, pointers, places, rays, packet);
+                        HWY_DYNAMIC_DISPATCH(cast_sums)
+                        (volumes, packet, {settings.mixing, settings.skip, 1 - settings.opaque_at}, sums);
+                        for (std::size_t r = 0; r < rays; ++r) {
+                            for (std::size_t c = 0; c < 3; ++c) total[r][c] += static_cast<double>(sums.color[c][r]);
+                            total[r][3] += static_cast<double>(sums.clear[r]);
+                            if (sums.clear[r] < 1)
+                                total[r][4] = std::min(total[r][4], (static_cast<double>(packet.first) +
+                                                                     static_cast<double>(sums.u[r])) *
+                                                                        packet.dt_exact[r]);
+                        }
+                    }
+                    const double share = 1.0 / (n * n);
+                    for (std::size_t r = 0; r < rays; ++r) {
+                        const std::size_t pixel = wide(at[r].y) * wide(camera.width()) + wide(at[r].x);
+                        for (std::size_t c = 0; c < 3; ++c) planes[c][pixel] = static_cast<float>(share * total[r][c]);
+                        planes[3][pixel] = static_cast<float>(1 - share * total[r][3]);
+                        planes[4][pixel] = static_cast<float>(total[r][4]);
                     }
                 }
-                const double share = 1.0 / (n * n);
-                for (std::size_t r = 0; r < count; ++r) {
-                    for (std::size_t c = 0; c < 3; ++c) planes[c][pixel[r]] = static_cast<float>(share * total[r][c]);
-                    planes[3][pixel[r]] = static_cast<float>(1 - share * total[r][3]);
-                    planes[4][pixel[r]] = static_cast<float>(total[r][4]);
-                }
+                progress(++done / static_cast<double>(rows));
             }
-            progress(++done / static_cast<double>(rows));
-        }
-    });
+        });
+        stats.cast_s += watch.lap();
+    }
     stats.rays += image.pixel_count() * static_cast<std::uint64_t>(n * n);
-    stats.cast_s = watch.lap();
     return image;
 }
 

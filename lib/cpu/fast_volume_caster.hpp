@@ -41,8 +41,9 @@ private:
     std::unique_ptr<Parts> parts_;
 };
 
-/// As cast_volumes. Scenes with surfaces, or with a volume that is not trilinear, are drawn by it.
+/// As cast_volumes, which draws scenes with a volume that is not trilinear, or more than 16 volumes.
 [[nodiscard]] Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& settings,
-                                      MultiVolumeStats& stats, const std::function<void(double)>& progress);
+                                      MultiVolumeStats& stats, const std::function<void(double)>& progress,
+                                      const FindSurfaces& surfaces = {});
 
 }  // namespace pellucid

@@ -31,6 +31,8 @@ struct PackedVolume {
     /// The object must outlive it. Precondition: takes(volume).
     PackedVolume(const VolumeObject& volume, bool skip);
 
+    /// Of what stands beside the object's own samples, distances aside.
+    static constexpr std::int64_t most_bytes_a_block = 1472;
     [[nodiscard]] std::size_t bytes() const { return bricks.size() + space.bytes(); }
 
     const VolumeObject* object;

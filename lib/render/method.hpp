@@ -34,6 +34,7 @@ struct RenderStats {
     std::uint64_t repeats = 0;
     std::uint64_t rays = 0;
     std::uint64_t hits = 0;
+    std::uint64_t layers = 0;             // most surfaces that one pixel took
     std::uint64_t unresolved_pixels = 0;  // truth: pixels with a larger standard error than asked
     IsolationStats isolation;             // what formulas could not decide
     double worst_error = 0;               // truth: the largest standard error that is left
@@ -48,6 +49,8 @@ struct RenderInput {
     Backend backend = Backend::cpu();
     /// Draw this part (shard->part) of the repeats only, and leave its sums here; null: all of them.
     Shard* shard = nullptr;
+    /// Table [tessellate], shared by all methods that rasterise; absent: its defaults.
+    std::optional<ConfigTable> tessellate = {};
 };
 
 /// A setting as `render --list` shows it.

@@ -8,6 +8,9 @@ namespace pellucid {
 [[nodiscard]] Method mdvr_method();
 [[nodiscard]] Method particles_method();
 [[nodiscard]] Method reference_method();
+[[nodiscard]] Method z_test_method();
+[[nodiscard]] Method depth_peeling_method();
+[[nodiscard]] Method alpha_blend_method();
 
 /// The refusal shared by methods that draw every surface with a geometry, and volumes.
 [[nodiscard]] std::optional<std::string> refusal_of_ray_and_particle_methods(const Scene& scene);

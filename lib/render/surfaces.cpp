@@ -1,0 +1,191 @@
+// Methods that draw surfaces as triangles: depth test, depth peeling, painters' blending. One pipeline:
+//   triangles of all surfaces -> fragments of each pixel in the method's order -> one colour
+#include <algorithm>
+#include <numeric>
+
+#include "core/stopwatch.hpp"
+#include "cpu/depth_peeling.hpp"
+#include "render/methods.hpp"
+
+namespace pellucid {
+namespace {
+
+enum class Sort { none, object, triangle };
+
+[[nodiscard]] Sort read_sort(const RenderInput& input) {
+    return input.settings.choice<Sort>("sort", Sort::none,
+                                       {{"none", Sort::none}, {"object", Sort::object}, {"triangle", Sort::triangle}});
+}
+
+[[nodiscard]] int read_layers(const RenderInput& input) {
+    return static_cast<int>(input.settings.integer("layers", 0, {.lo = 0, .hi = 1 << 20}));
+}
+
+/// Rank of every triangle from the foremost, which is blended last.
+[[nodiscard]] std::vector<std::uint32_t> painters_order(const PreparedScene& scene, const SceneMeshes& meshes, Sort sort) {
+    std::vector<double> depth(sort == Sort::none ? 0 : meshes.triangle_count());
+    for (std::size_t o = 0; o < meshes.objects().size() && sort != Sort::none; ++o) {
+        const ObjectMesh& object = meshes.objects()[o];
+        Box bounds;
+        for (const Vec3& p : object.mesh->positions) bounds.include(p);
+        const double center = object.view.empty() ? 0 : scene.camera.to_view(bounds.center()).z;
+        for (std::uint32_t i = 0; i < object.mesh->triangles.size(); ++i) {
+            const auto& [a, b, c] = object.mesh->triangles[i];
+            depth[meshes.first_triangle(o) + i] =
+                sort == Sort::object ? center : (object.view[a].z + object.view[b].z + object.view[c].z) / 3;
+        }
+    }
+    // Farthest first; at the same depth as the file has them.
+    std::vector<std::uint32_t> drawn(meshes.triangle_count());
+    std::iota(drawn.begin(), drawn.end(), 0U);
+    if (sort != Sort::none)
+        std::stable_sort(drawn.begin(), drawn.end(), [&](std::uint32_t a, std::uint32_t b) { return depth[a] > depth[b]; });
+    std::vector<std::uint32_t> rank(drawn.size());
+    for (std::size_t i = 0; i < drawn.size(); ++i) rank[drawn[i]] = static_cast<std::uint32_t>(drawn.size() - 1 - i);
+    return rank;
+}
+
+// ---- From the fragments of a pixel to its colour
+
+[[nodiscard]] Composite nearest_as_opaque(std::span<const SurfaceFragment> fragments) {
+    const twin::Slab& slab = fragments.front().slab;
+    const auto straight = [&](float c) { return static_cast<double>(c) / static_cast<double>(slab.a); };
+    return {straight(slab.r), straight(slab.g), straight(slab.b), 1};
+}
+
+[[nodiscard]] Composite blend(std::span<const SurfaceFragment> fragments) {
+    Composite sum;
+    double clear = 1;
+    for (const SurfaceFragment& f : fragments) {
+        sum.r += clear * static_cast<double>(f.slab.r);
+        sum.g += clear * static_cast<double>(f.slab.g);
+        sum.b += clear * static_cast<double>(f.slab.b);
+        clear *= 1 - static_cast<double>(f.slab.a);
+    }
+    sum.a = 1 - clear;
+    return sum;
+}
+
+// ---- The pipeline
+
+using Resolve = Composite (*)(std::span<const SurfaceFragment>);
+
+[[nodiscard]] TessellationSettings read_tessellation(const RenderInput& input) {
+    TessellationSettings s;
+    if (input.tessellate) s.error_px = input.tessellate->number("error_px", s.error_px, above(0));
+    return s;
+}
+
+[[nodiscard]] Image draw_surfaces(const RenderInput& input, RenderStats& stats, PeelSettings settings, Resolve resolve,
+                                  std::optional<Sort> sort = {}) {
+    Stopwatch watch;
+    const PreparedScene& scene = input.scene;
+    const SceneMeshes meshes(scene, read_tessellation(input));
+    stats.stages.push_back({"triangles", watch.lap(), static_cast<std::int64_t>(meshes.bytes()),
+                            fmt::format("{} triangles, error <= {:.2g} pixels", meshes.triangle_count(), meshes.error_px())});
+    std::vector<std::uint32_t> order;
+    if (sort) {
+        order = painters_order(scene, meshes, *sort);
+        stats.stages.push_back({"sort", watch.lap(), static_cast<std::int64_t>(4 * order.size()), ""});
+    }
+    settings.order = order;
+    settings.thickness = false;
+
+    Image image(scene.camera.width(), scene.camera.height());
+    for (const char* name : {"R", "G", "B", "A"}) (void)image.add(name);
+    (void)image.add("Z", std::numeric_limits<float>::infinity());
+    const std::array<std::span<float>, 5> planes{image.plane("R"), image.plane("G"), image.plane("B"), image.plane("A"),
+                                                 image.plane("Z")};
+    const auto width = static_cast<std::size_t>(image.width());
+    const PeelStats peeled = peel(scene, meshes, all_objects(meshes), settings,
+                                  [&](int x, int y, std::span<const SurfaceFragment> fragments) {
+                                      const std::size_t at = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
+                                      const Composite color = resolve(fragments);
+                                      planes[0][at] = static_cast<float>(color.r);
+                                      planes[1][at] = static_cast<float>(color.g);
+                                      planes[2][at] = static_cast<float>(color.b);
+                                      planes[3][at] = static_cast<float>(color.a);
+                                      for (const SurfaceFragment& f : fragments) planes[4][at] = std::min(planes[4][at], f.slab.z);
+                                  });
+    stats.stages.push_back({"draw", watch.lap(), static_cast<std::int64_t>(peeled.bytes),
+                            fmt::format("{} fragments, up to {} a pixel", peeled.fragments, peeled.layers)});
+    stats.hits = peeled.fragments;
+    stats.layers = peeled.layers;
+    input.progress(1);
+    return image;
+}
+
+[[nodiscard]] std::vector<Stage> plan_surfaces(const RenderInput& input, bool sorted) {
+    const MeshPlan plan = plan_meshes(input.scene, read_tessellation(input));
+    const Camera& camera = input.scene.camera;
+    std::vector<Stage> stages{
+        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", input.scene.object_count())},
+        {"triangles", 0, plan.bytes,
+         fmt::format("{:.0f} triangles of {} objects, {} tessellated", plan.triangles, plan.objects, plan.tessellated)}};
+    if (sorted) stages.push_back({"sort", 0, static_cast<std::int64_t>(4 * plan.triangles), ""});
+    stages.push_back({"draw", 0, planned_peel_bytes(plan.triangles, plan.triangles / 2), "without the fragments of tiles at work"});
+    stages.push_back({"image", 0, std::int64_t{4} * 5 * camera.width() * camera.height(), "5 planes"});
+    return stages;
+}
+
+[[nodiscard]] std::optional<std::string> refusal_of_surface_methods(const Scene& scene) {
+    if (!scene.volumes.empty()) return fmt::format("volume \"{}\": it draws surfaces only", scene.volumes.front().name);
+    return refusal_of_ray_and_particle_methods(scene);
+}
+
+constexpr SettingInfo kErrorSetting{"tessellate.error_px", "0.25", "surfaces without triangles: largest distance of theirs, in pixels"};
+
+}  // namespace
+
+Method z_test_method() {
+    return {
+        "z-test",
+        "depth test: the nearest surface of a pixel's centre alone, as if opaque (whatever its opacity, but 0); all surfaces, "
+        "no volumes",
+        {kErrorSetting},
+        refusal_of_surface_methods,
+        [](const RenderInput& input) { (void)read_tessellation(input); },
+        [](const RenderInput& input) { return plan_surfaces(input, false); },
+        [](const RenderInput& input, RenderStats& stats) {
+            return draw_surfaces(input, stats, {.layers = 1}, nearest_as_opaque);
+        },
+    };
+}
+
+Method depth_peeling_method() {
+    return {
+        "depth-peeling",
+        "exact order at every pixel's centre, surfaces at one depth mixed as in the truth; all surfaces, no volumes",
+        {{"depth-peeling.layers", "0", "most surfaces a pixel, the nearest; 0: all"}, kErrorSetting},
+        refusal_of_surface_methods,
+        [](const RenderInput& input) {
+            (void)read_layers(input);
+            (void)read_tessellation(input);
+        },
+        [](const RenderInput& input) { return plan_surfaces(input, false); },
+        [](const RenderInput& input, RenderStats& stats) {
+            return draw_surfaces(input, stats, {.layers = read_layers(input)}, composite_surfaces);
+        },
+    };
+}
+
+Method alpha_blend_method() {
+    return {
+        "alpha-blend",
+        "triangles blended one over the other without a depth test, in the file's order or sorted; all surfaces, no volumes",
+        {{"alpha-blend.sort", "\"none\"",
+          "\"none\": as in the file; \"object\", \"triangle\": farthest first, by the depth of their centres"},
+         kErrorSetting},
+        refusal_of_surface_methods,
+        [](const RenderInput& input) {
+            (void)read_sort(input);
+            (void)read_tessellation(input);
+        },
+        [](const RenderInput& input) { return plan_surfaces(input, read_sort(input) != Sort::none); },
+        [](const RenderInput& input, RenderStats& stats) {
+            return draw_surfaces(input, stats, {}, blend, read_sort(input));
+        },
+    };
+}
+
+}  // namespace pellucid
