@@ -148,9 +148,8 @@ struct Cell {
 };
 
 HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
-    const VoxelGrid& grid = volume.object->field().grid();
     const auto cell = [&](V place, std::size_t axis) {
-        return hn::Min(hn::ConvertTo(I(), place), whole(grid.size[axis] - 2));
+        return hn::Min(hn::ConvertTo(I(), place), whole(volume.last_cell[axis]));
     };
     const W i = cell(index.x, 0), j = cell(index.y, 1), k = cell(index.z, 2);
     Cell c;
@@ -468,9 +467,8 @@ public:
 
 private:
     [[nodiscard]] HWY_INLINE V3 index(V u) const {
-        const VoxelGrid& grid = volume_->packed.object->field().grid();
         const auto axis = [&](V p, V d, std::size_t a) {
-            return clamp(add_product(p, u, d), set(0), set(static_cast<float>(grid.size[a] - 1)));
+            return clamp(add_product(p, u, d), set(0), set(volume_->packed.last[a]));
         };
         return {axis(p_.x, d_.x, 0), axis(p_.y, d_.y, 1), axis(p_.z, d_.z, 2)};
     }
@@ -546,9 +544,11 @@ public:
     HWY_INLINE void add(const StepLook& look, SlabMixing mixing) {
         if (count_++ == 0) {
             sum_ = look;
-            weighted_ = scaled(straight(look), look.depth);
-            total_ = look.opacity;
             return;
+        }
+        if (count_ == 2) {
+            if (mixing == SlabMixing::extinction) weighted_ = scaled(straight(sum_), sum_.depth);
+            total_ = sum_.opacity;
         }
         switch (mixing) {
             case SlabMixing::average: {

@@ -116,6 +116,10 @@ bool PackedVolume::takes(const VolumeObject& volume) {
 PackedVolume::PackedVolume(const VolumeObject& volume, bool skip) : object(&volume), kind(Kind::floats) {
     assert(takes(volume));
     const VoxelGrid& grid = volume.field().grid();
+    for (std::size_t a = 0; a < 3; ++a) {
+        last[a] = static_cast<float>(grid.size[a] - 1);
+        last_cell[a] = grid.size[a] - 2;
+    }
     const Integers whole = find_integers(grid);
     const float span = whole.most - whole.least;
     if (span >= 0 && span <= 65535) {

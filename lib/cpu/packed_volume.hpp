@@ -39,6 +39,8 @@ struct PackedVolume {
     Kind kind;
     /// Bytes: of cell (i, j, k), sample (0, 0, 0): in bricks i·step + (i/8)·jump for each axis, summed.
     std::array<std::int32_t, 3> step{}, jump{};
+    std::array<float, 3> last{};            // sample along each axis
+    std::array<std::int32_t, 3> last_cell{};
     std::vector<std::uint8_t> bricks;  // empty for floats
     const std::uint8_t* data;          // bricks, or the object's own samples
     double offset = 0;                 // value = offset + what is stored
