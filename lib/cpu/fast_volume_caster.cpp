@@ -85,14 +85,15 @@ struct PacketInVolume {
     alignas(64) std::array<PacketRow, 3> p, d;
 };
 struct Packet {
-    std::int64_t first;                 // number of the step
-    std::vector<PacketInVolume> in;     // by volume
-    alignas(64) PacketRow last;         // u where a ray has left all volumes
+    std::int64_t first;                              // number of the step
+    std::vector<PacketInVolume> in;                  // by volume
+    alignas(64) PacketRow last;                      // u where a ray has left all volumes
     alignas(64) std::array<PacketRow, 3> to_viewer;  // unit vectors
-    alignas(64) PacketRow z, dt;        // depth is z + u·dt
+    alignas(64) PacketRow z, dt;                     // depth is z + u·dt
     std::array<double, kPacketRays> dt_exact;
     std::array<std::vector<DepthLayer>, kPacketRays> layers;  // surfaces
     bool has_layers = false;
+    std::vector<std::array<VolumeCaster::Progress, kPacketRays>> progress;  // scratch
 };
 /// What has been gathered: associated colour, transmittance, and u where something was seen first.
 struct PacketSums {
@@ -120,10 +121,18 @@ using W = hn::Vec<I>;
 using M = hn::Mask<F>;
 static_assert(hn::MaxLanes(F()) <= kPacketRays && kPacketRays % hn::MaxLanes(F()) == 0);
 
-[[nodiscard]] HWY_INLINE V load(const PacketRow& row, std::size_t ray) { return hn::Load(F(), row.data() + ray); }
-HWY_INLINE void store(V value, PacketRow& row, std::size_t ray) { hn::Store(value, F(), row.data() + ray); }
-[[nodiscard]] HWY_INLINE W whole(int value) { return hn::Set(I(), value); }
-[[nodiscard]] HWY_INLINE V clamp(V value, V lo, V hi) { return hn::Min(hn::Max(value, lo), hi); }
+[[nodiscard]] HWY_INLINE V load(const PacketRow& row, std::size_t ray) {
+    return hn::Load(F(), row.data() + ray);
+}
+HWY_INLINE void store(V value, PacketRow& row, std::size_t ray) {
+    hn::Store(value, F(), row.data() + ray);
+}
+[[nodiscard]] HWY_INLINE W whole(int value) {
+    return hn::Set(I(), value);
+}
+[[nodiscard]] HWY_INLINE V clamp(V value, V lo, V hi) {
+    return hn::Min(hn::Max(value, lo), hi);
+}
 
 // ---- Samples ----------------------------------------------------------------------------------
 
@@ -183,7 +192,9 @@ HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
 }
 
 /// By differences: where all samples are equal, exactly their value.
-[[nodiscard]] HWY_INLINE V between(V a, V b, V share) { return add_product(a, share, hn::Sub(b, a)); }
+[[nodiscard]] HWY_INLINE V between(V a, V b, V share) {
+    return add_product(a, share, hn::Sub(b, a));
+}
 
 [[nodiscard]] HWY_INLINE V value_of(const Cell& c) {
     const V a = add_product(c.low[0], c.at.x, c.more[0]), b = add_product(c.low[1], c.at.x, c.more[1]);
@@ -204,7 +215,8 @@ HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
 [[nodiscard]] HWY_INLINE V look_up(const std::vector<float>& table, std::uint32_t count, W index) {
     if (count <= hn::Lanes(F()))
         return hn::TableLookupLanes(hn::LoadU(F(), table.data()), hn::IndicesFromVec(F(), index));
-    return hn::BitCast(F(), gather(reinterpret_cast<const std::uint8_t*>(table.data()), hn::ShiftLeft<2>(index)));
+    return hn::BitCast(F(),
+                       gather(reinterpret_cast<const std::uint8_t*>(table.data()), hn::ShiftLeft<2>(index)));
 }
 
 /// The piece in which each value lies: how many of the others begin at or below.
@@ -232,7 +244,8 @@ HWY_NOINLINE void steep_depth(V r, V middle, PieceDepth& out) {
     const V safe = hn::Max(size, set(0.5F));
     const V mean = hn::Add(hn::Sub(middle, hn::Div(hn::Mul(set(0.5F), whole_part), safe)), set(1.0F));
     const V inverse = hn::Div(set(1.0F), safe);
-    const V odd = hn::Mul(hn::Mul(set(0.5F), hn::Sub(set(1.0F), hn::Mul(inverse, inverse))), hn::Sub(up, down));
+    const V odd =
+        hn::Mul(hn::Mul(set(0.5F), hn::Sub(set(1.0F), hn::Mul(inverse, inverse))), hn::Sub(up, down));
     const V skew = hn::Mul(set(-0.25F), hn::Add(odd, inverse));
     out.mean = hn::IfThenElse(steep, mean, out.mean);
     out.skew = hn::IfThenElse(steep, with_sign_of(hn::Abs(skew), hn::Neg(r)), out.skew);
@@ -279,9 +292,9 @@ struct StepLook {
     V3 color;
 };
 
-/// Where colour changes evenly along a part, what is seen of it stands by this share of the part behind its middle:
-/// for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to 0.02, and to 2e-3
-/// up to a depth of 2.
+/// Where colour changes evenly along a part, what is seen of it stands by this share of the part behind its
+/// middle: for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to
+/// 0.02, and to 2e-3 up to a depth of 2.
 [[nodiscard]] HWY_INLINE V color_shift(const PieceDepth& piece, V depth) {
     const V thin = add_product(set(12.0F), set(0.2F), hn::Mul(depth, depth));
     const V mean = hn::Max(piece.mean, set(1e-30F));
@@ -294,8 +307,8 @@ struct StepLook {
     return clamp(shift, set(-0.5F), set(0.5F));
 }
 
-/// Pre-integration between two values, as cpu/preintegration.hpp; `piece` is that of `from` and becomes that of
-/// `to`. `steps`: opacity steps in it.
+/// Pre-integration between two values, as cpu/preintegration.hpp; `piece` is that of `from` and becomes that
+/// of `to`. `steps`: opacity steps in it.
 HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps, M inside, W& piece) {
     StepLook look{set(0), set(0), {set(0), set(0), set(0)}};
     M active = hn::And(inside, hn::And(hn::Eq(from, from), hn::Eq(to, to)));
@@ -356,7 +369,8 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
 // ---- Shading ----------------------------------------------------------------------------------
 
 /// rgb = color·(ambient + diffuse·Σ) + specular·Σ, of associated colours; unlit where there is no gradient.
-HWY_INLINE V3 lit_color(const FastVolume& volume, const V3& color, V opacity, const V3& gradient, const V3& viewer) {
+HWY_INLINE V3 lit_color(const FastVolume& volume, const V3& color, V opacity, const V3& gradient,
+                        const V3& viewer) {
     const V largest = hn::Max(hn::Max(hn::Abs(gradient.x), hn::Abs(gradient.y)), hn::Abs(gradient.z));
     const M steep = hn::Gt(largest, set(0));
     const V3 g = scaled(gradient, hn::Div(set(1.0F), hn::IfThenElse(steep, largest, set(1.0F))));
@@ -415,8 +429,8 @@ public:
             const V3 gradient = gradient_of(cell_at(volume_->packed, index(middle)));
             look.color = lit_color(*volume_, look.color, look.opacity, gradient, viewer);
         }
-        // Where a ray was not looked at its piece may be another one: after numbers that are none, and before it
-        // comes in.
+        // Where a ray was not looked at its piece may be another one: after numbers that are none, and before
+        // it comes in.
         const M followed = hn::And(inside, hn::Eq(value_, value_));
         if (HWY_UNLIKELY(!hn::AllTrue(F(), hn::Or(followed, hn::Eq(value, value_)))))
             piece = piece_of(volume_->packed.transfer, value);
@@ -433,21 +447,24 @@ public:
         const M here = hn::And(alive, hn::And(hn::Lt(u_in_, u_out_), hn::Lt(u, u_out_)));
         if (hn::AllFalse(F(), here)) return kNever;
         const EmptySpace& space = volume.space;
-        if (space.distance().empty()) return hn::GetLane(hn::MinOfLanes(F(), hn::IfThenElse(here, hn::Floor(u), set(kNever))));
+        if (space.distance().empty())
+            return hn::GetLane(hn::MinOfLanes(F(), hn::IfThenElse(here, hn::Floor(u), set(kNever))));
         if (!space.anything()) return kNever;
         const V3 at = index(u);
         const auto block = [&](V place, std::size_t axis) {
             return hn::Min(hn::ShiftRight<3>(hn::ConvertTo(I(), place)), whole(space.blocks()[axis] - 1));
         };
         const W bx = block(at.x, 0), by = block(at.y, 1), bz = block(at.z, 2);
-        const W number = hn::Add(bx, hn::Mul(whole(space.blocks()[0]), hn::Add(by, hn::Mul(whole(space.blocks()[1]), bz))));
+        const W number = hn::Add(
+            bx, hn::Mul(whole(space.blocks()[0]), hn::Add(by, hn::Mul(whole(space.blocks()[1]), bz))));
         const W away = hn::BitCast(I(), hn::And(gather(space.distance().data(), number), hn::Set(U(), 255U)));
         const M empty = hn::RebindMask(F(), hn::Gt(away, whole(0)));
         // Along each axis the face of the cube of empty blocks through which a ray leaves, a hair before it.
         V end = set(kNever);
         const auto leave = [&](W b, V p, V d) {
             const V up = hn::Sub(hn::ConvertTo(F(), hn::ShiftLeft<3>(hn::Add(b, away))), set(kFaceRoom));
-            const V down = hn::Add(hn::ConvertTo(F(), hn::ShiftLeft<3>(hn::Add(hn::Sub(b, away), whole(1)))), set(kFaceRoom));
+            const V down = hn::Add(hn::ConvertTo(F(), hn::ShiftLeft<3>(hn::Add(hn::Sub(b, away), whole(1)))),
+                                   set(kFaceRoom));
             const V face = hn::IfThenElse(hn::Gt(d, set(0)), up, down);
             const V meet = hn::Div(hn::Sub(face, p), d);
             end = hn::IfThenElse(hn::Eq(d, set(0)), end, hn::Min(end, meet));
@@ -456,7 +473,8 @@ public:
         leave(by, p_.y, d_.y);
         leave(bz, p_.z, d_.z);
         const V after = hn::Floor(hn::Max(u, end));
-        const V target = hn::IfThenElse(empty, hn::IfThenElse(hn::Ge(end, u_out_), set(kNever), after), hn::Floor(u));
+        const V target =
+            hn::IfThenElse(empty, hn::IfThenElse(hn::Ge(end, u_out_), set(kNever), after), hn::Floor(u));
         return hn::GetLane(hn::MinOfLanes(F(), hn::IfThenElse(here, target, set(kNever))));
     }
     static constexpr float kNever = 1e9F;
@@ -490,13 +508,16 @@ struct Rays {
 };
 
 /// Slabs of one volume.
-void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSettings& settings, PacketSlabs& out) {
+void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSettings& settings,
+                PacketSlabs& out) {
     const std::size_t lanes = hn::Lanes(F());
     for (std::size_t ray = 0; ray < kPacketRays; ray += lanes) {
         Walk walk;
         walk.begin(volume, packet.in[0], ray);
-        Rays rays{set(1.0F), load(packet.last, ray),
-                  {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
+        Rays rays{
+            set(1.0F),
+            load(packet.last, ray),
+            {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
         const V z = load(packet.z, ray), dt = load(packet.dt, ray);
         bool look_ahead = true, primed = false;
         for (float i = 0;; i += 1) {
@@ -528,7 +549,8 @@ void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSett
             store(look.opacity, row[5], 0);
             for (std::size_t k = 0; k < lanes; ++k)
                 if (row[5][k] > 0)
-                    out[ray + k].push_back({row[0][k], row[1][k], row[2][k], row[3][k], row[4][k], row[5][k]});
+                    out[ray + k].push_back(
+                        {row[0][k], row[1][k], row[2][k], row[3][k], row[4][k], row[5][k]});
         }
     }
 }
@@ -567,7 +589,8 @@ public:
                 break;
             case SlabMixing::extinction: {
                 const V3 more = scaled(straight(look), look.depth);
-                weighted_ = {hn::Add(weighted_.x, more.x), hn::Add(weighted_.y, more.y), hn::Add(weighted_.z, more.z)};
+                weighted_ = {hn::Add(weighted_.x, more.x), hn::Add(weighted_.y, more.y),
+                             hn::Add(weighted_.z, more.z)};
                 break;
             }
         }
@@ -631,8 +654,10 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
         layers.u.fill(Walk::kNever);
         if (packet.has_layers)
             for (std::size_t k = 0; k < lanes; ++k) layers.read(packet, ray, k);
-        Rays rays{set(1.0F), load(packet.last, ray),
-                  {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
+        Rays rays{
+            set(1.0F),
+            load(packet.last, ray),
+            {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
         V3 color{set(0), set(0), set(0)};
         V first = set(Walk::kNever);
         const auto add = [&](const V3& associated, V opacity, V begin, M those) {
@@ -724,7 +749,8 @@ void make_packet(const Camera& camera, double step, const std::vector<const Fast
     packet.in.resize(volumes.size());
     packet.first = std::numeric_limits<std::int64_t>::max();
     std::array<Ray, kPacketRays> rays;
-    std::vector<std::array<VolumeCaster::Progress, kPacketRays>> progress(volumes.size());
+    auto& progress = packet.progress;
+    progress.resize(volumes.size());
     for (std::size_t r = 0; r < count; ++r) {
         rays[r] = camera.ray(at[r].x, at[r].y);
         for (std::size_t v = 0; v < volumes.size(); ++v) {
@@ -745,7 +771,9 @@ void make_packet(const Camera& camera, double step, const std::vector<const Fast
     for (std::size_t r = 0; r < count; ++r) {
         packet.dt_exact[r] = step / length(rays[r].direction);
         if (packet.has_layers && !packet.layers[r].empty())
-            packet.first = std::min(packet.first, static_cast<std::int64_t>(std::floor(packet.layers[r].front().t / packet.dt_exact[r])));
+            packet.first = std::min(
+                packet.first,
+                static_cast<std::int64_t>(std::floor(packet.layers[r].front().t / packet.dt_exact[r])));
     }
     if (packet.first == std::numeric_limits<std::int64_t>::max()) return;
     const auto first = static_cast<double>(packet.first);
@@ -753,7 +781,8 @@ void make_packet(const Camera& camera, double step, const std::vector<const Fast
         if (packet.has_layers && !packet.layers[r].empty())
             packet.last[r] = static_cast<float>(packet.layers[r].back().t / packet.dt_exact[r] - first) + 1;
         const Vec3 viewer = -normalize(rays[r].direction);
-        for (std::size_t a = 0; a < 3; ++a) packet.to_viewer[a][r] = static_cast<float>(viewer[static_cast<int>(a)]);
+        for (std::size_t a = 0; a < 3; ++a)
+            packet.to_viewer[a][r] = static_cast<float>(viewer[static_cast<int>(a)]);
         for (std::size_t v = 0; v < volumes.size(); ++v) {
             const VolumeCaster::Progress& p = progress[v][r];
             packet.z[r] = static_cast<float>(first * p.dt);
@@ -784,7 +813,8 @@ struct FastVolumeCaster::Parts {
     std::unique_ptr<VolumeCaster> plain;
 };
 
-FastVolumeCaster::FastVolumeCaster(const PreparedScene& scene, const VolumeObject& volume, const CastSettings& settings)
+FastVolumeCaster::FastVolumeCaster(const PreparedScene& scene, const VolumeObject& volume,
+                                   const CastSettings& settings)
     : parts_(std::make_unique<Parts>()) {
     parts_->camera = &scene.camera;
     parts_->step = settings.step;
@@ -832,8 +862,9 @@ void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) c
 
 // ---- All volumes ------------------------------------------------------------------------------
 
-Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& settings, MultiVolumeStats& stats,
-                        const std::function<void(double)>& progress, const FindSurfaces& surfaces) {
+Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& settings,
+                        MultiVolumeStats& stats, const std::function<void(double)>& progress,
+                        const FindSurfaces& surfaces) {
     const CastSettings cast{.step = common_step(scene, settings.step), .skip = settings.skip};
     bool all = true;
     double reach = scene.camera.far() - scene.camera.near();
@@ -902,14 +933,15 @@ Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& s
                             const std::size_t number =
                                 (wide(at[r].y - y0) * wide(n) + wide(j)) * wide(camera.width()) * wide(n) +
                                 wide(at[r].x) * wide(n) + wide(i);
-                            layers_of_ray.find(camera.ray(places[r].x, places[r].y), layers.of(number), settings.mixing,
-                                               packet.layers[r]);
+                            layers_of_ray.find(camera.ray(places[r].x, places[r].y), layers.of(number),
+                                               settings.mixing, packet.layers[r]);
                         }
                         make_packet(camera, cast.step, pointers, places, rays, packet);
                         HWY_DYNAMIC_DISPATCH(cast_sums)
                         (volumes, packet, {settings.mixing, settings.skip, 1 - settings.opaque_at}, sums);
                         for (std::size_t r = 0; r < rays; ++r) {
-                            for (std::size_t c = 0; c < 3; ++c) total[r][c] += static_cast<double>(sums.color[c][r]);
+                            for (std::size_t c = 0; c < 3; ++c)
+                                total[r][c] += static_cast<double>(sums.color[c][r]);
                             total[r][3] += static_cast<double>(sums.clear[r]);
                             if (sums.clear[r] < 1)
                                 total[r][4] = std::min(total[r][4], (static_cast<double>(packet.first) +
@@ -920,7 +952,8 @@ Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& s
                     const double share = 1.0 / (n * n);
                     for (std::size_t r = 0; r < rays; ++r) {
                         const std::size_t pixel = wide(at[r].y) * wide(camera.width()) + wide(at[r].x);
-                        for (std::size_t c = 0; c < 3; ++c) planes[c][pixel] = static_cast<float>(share * total[r][c]);
+                        for (std::size_t c = 0; c < 3; ++c)
+                            planes[c][pixel] = static_cast<float>(share * total[r][c]);
                         planes[3][pixel] = static_cast<float>(1 - share * total[r][3]);
                         planes[4][pixel] = static_cast<float>(total[r][4]);
                     }

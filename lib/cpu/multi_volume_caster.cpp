@@ -25,7 +25,8 @@ struct Gathered {
     }
 };
 
-[[nodiscard]] std::vector<VolumeCaster> make_casters(const PreparedScene& scene, const CastSettings& settings) {
+[[nodiscard]] std::vector<VolumeCaster> make_casters(const PreparedScene& scene,
+                                                     const CastSettings& settings) {
     std::vector<VolumeCaster> casters;
     for (const VolumeObject& volume : scene.volumes)
         if (!volume.bounds().empty()) casters.emplace_back(scene, volume, settings);
@@ -54,8 +55,10 @@ public:
             // The next of all steps.
             std::int64_t k = std::numeric_limits<std::int64_t>::max();
             for (const Walk& walk : walks_) k = std::min(k, walk.progress.k);
-            const double end = walks_.empty() ? kInfinity : static_cast<double>(k + 1) * walks_.front().progress.dt;
-            const double begin = walks_.empty() ? kInfinity : static_cast<double>(k) * walks_.front().progress.dt;
+            const double end =
+                walks_.empty() ? kInfinity : static_cast<double>(k + 1) * walks_.front().progress.dt;
+            const double begin =
+                walks_.empty() ? kInfinity : static_cast<double>(k) * walks_.front().progress.dt;
             if (layer < layers_.size() && layers_[layer].t < end) {
                 // Surfaces in front of the step or in it cut it.
                 const double t = layers_[layer].t;
@@ -154,10 +157,12 @@ twin::Slab mix_shared(std::span<const twin::Slab> slabs, SlabMixing mixing) {
         mixed.d = std::max(mixed.z, slab.z) - std::min(mixed.z - mixed.d, slab.z - slab.d);
         mixed.z = std::max(mixed.z, slab.z);
     }
-    if (mixing == SlabMixing::normalised) color = opacities > 0 ? opacity / opacities * sum : Vec3(0.0);  // (4.3)
+    if (mixing == SlabMixing::normalised)
+        color = opacities > 0 ? opacity / opacities * sum : Vec3(0.0);  // (4.3)
     if (mixing == SlabMixing::extinction)
-        color = solids > 0 ? solid / static_cast<double>(solids)
-                           : depths > 0 ? opacity / depths * weighted : Vec3(0.0);
+        color = solids > 0   ? solid / static_cast<double>(solids)
+                : depths > 0 ? opacity / depths * weighted
+                             : Vec3(0.0);
     mixed.r = static_cast<float>(color.x);
     mixed.g = static_cast<float>(color.y);
     mixed.b = static_cast<float>(color.z);
@@ -183,7 +188,8 @@ void LayersOfRay::find(const Ray& ray, std::span<const twin::Slab> others, SlabM
     if (!isosurfaces_.empty()) {
         std::vector<IsosurfaceCaster::Crossing> found;
         for (const IsosurfaceCaster& surface : isosurfaces_) surface.crossings(ray, found);
-        for (const IsosurfaceCaster::Crossing& c : found) out.push_back({c.t, IsosurfaceCaster::virtual_slab(c, 0, 0)});
+        for (const IsosurfaceCaster::Crossing& c : found)
+            out.push_back({c.t, IsosurfaceCaster::virtual_slab(c, 0, 0)});
         std::ranges::stable_sort(out, {}, &DepthLayer::t);
     }
     // One layer a depth.
@@ -237,7 +243,8 @@ Image cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settin
                     for (int part = 0; part < n * n; ++part) {
                         const int i = part % n, j = part / n;
                         const std::size_t number =
-                            (row * wide(n) + wide(j)) * wide(camera.width()) * wide(n) + wide(x) * wide(n) + wide(i);
+                            (row * wide(n) + wide(j)) * wide(camera.width()) * wide(n) + wide(x) * wide(n) +
+                            wide(i);
                         const Gathered sum =
                             ray.cast(camera.ray(x + (i + 0.5) / n, y + (j + 0.5) / n), layers.of(number));
                         color += sum.color;

@@ -1,5 +1,6 @@
-// Conventional multi-volume ray-casting, the baseline of zSlabs: one ray samples all volumes at the same places and
-// mixes each step (zSlab dissertation, sections 2.2 and 4; (4.1) to (4.4)); surfaces lie between the parts of a step.
+// Conventional multi-volume ray-casting, the baseline of zSlabs: one ray samples all volumes at the same
+// places and mixes each step (zSlab dissertation, sections 2.2 and 4; (4.1) to (4.4)); surfaces lie between
+// the parts of a step.
 #pragma once
 
 #include <cstdint>
@@ -40,13 +41,14 @@ struct SurfaceLayers {
 /// Of the rows y0 … y1 − 1; rays row by row of an image that is `rays` times as fine.
 using FindSurfaces = std::function<SurfaceLayers(int y0, int y1)>;
 
-/// World length of a step: in the smallest voxels of volumes and isosurfaces. Where there is neither, the scene's size.
+/// World length of a step: in the smallest voxels of volumes and isosurfaces. Where there is neither, the
+/// scene's size.
 [[nodiscard]] double common_step(const PreparedScene& scene, double step_in_voxels);
 /// Slabs that share an interval, mixed. Two in average: (4.4); more: each with what the ones before made.
 [[nodiscard]] twin::Slab mix_shared(std::span<const twin::Slab> slabs, SlabMixing mixing);
 
-/// Planes R G B A (associated) and Z: depth of the front of the nearest step that is seen, +inf where there is none.
-/// Isosurfaces (IsosurfaceCaster::casts) are found along the rays, other surfaces by `surfaces`.
+/// Planes R G B A (associated) and Z: depth of the front of the nearest step that is seen, +inf where there
+/// is none. Isosurfaces (IsosurfaceCaster::casts) are found along the rays, other surfaces by `surfaces`.
 [[nodiscard]] Image cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settings,
                                  MultiVolumeStats& stats, const std::function<void(double)>& progress,
                                  const FindSurfaces& surfaces = {});
@@ -62,7 +64,8 @@ struct DepthLayer {
 class LayersOfRay {
 public:
     LayersOfRay(const PreparedScene& scene, const CastSettings& settings);
-    void find(const Ray& ray, std::span<const twin::Slab> others, SlabMixing mixing, std::vector<DepthLayer>& out) const;
+    void find(const Ray& ray, std::span<const twin::Slab> others, SlabMixing mixing,
+              std::vector<DepthLayer>& out) const;
     [[nodiscard]] bool none() const { return isosurfaces_.empty(); }
     [[nodiscard]] std::size_t bytes() const;
 

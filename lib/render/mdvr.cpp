@@ -1,5 +1,5 @@
-// The method `mdvr`: conventional multi-volume ray-casting behind the common face of all methods. Isosurfaces are
-// found along the rays; other surfaces are the fragments of depth peeling.
+// The method `mdvr`: conventional multi-volume ray-casting behind the common face of all methods. Isosurfaces
+// are found along the rays; other surfaces are the fragments of depth peeling.
 #include <algorithm>
 
 #include "cpu/depth_peeling.hpp"
@@ -19,8 +19,8 @@ namespace {
                                                   {"extinction", SlabMixing::extinction}});
     s.skip = input.settings.boolean("skip", s.skip);
     s.rays = static_cast<int>(input.settings.integer("rays", s.rays, {.lo = 1, .hi = 64}));
-    s.opaque_at = static_cast<float>(
-        input.settings.number("opaque_at", static_cast<double>(s.opaque_at), {.lo = 0, .hi = 1, .lo_open = true}));
+    s.opaque_at = static_cast<float>(input.settings.number("opaque_at", static_cast<double>(s.opaque_at),
+                                                           {.lo = 0, .hi = 1, .lo_open = true}));
     return s;
 }
 
@@ -49,8 +49,8 @@ namespace {
 }
 
 /// The fragments of some rows of pixels.
-[[nodiscard]] SurfaceLayers layers_of_rows(const PreparedScene& fine, const SceneMeshes& meshes, int n, int y0, int y1,
-                                           double opaque_at) {
+[[nodiscard]] SurfaceLayers layers_of_rows(const PreparedScene& fine, const SceneMeshes& meshes, int n,
+                                           int y0, int y1, double opaque_at) {
     PixelRect crop = fine.camera.crop();
     crop.y1 = crop.y0 + n * y1;
     crop.y0 += n * y0;
@@ -111,8 +111,8 @@ namespace {
     stages.push_back({"cast", 0, 0,
                       fmt::format("{} rays a pixel, steps of {:.4g}", settings.rays * settings.rays,
                                   common_step(input.scene, settings.step))});
-    stages.push_back(
-        {"image", 0, std::int64_t{20} * input.scene.camera.width() * input.scene.camera.height(), "5 planes"});
+    stages.push_back({"image", 0, std::int64_t{20} * input.scene.camera.width() * input.scene.camera.height(),
+                      "5 planes"});
     return stages;
 }
 
@@ -127,7 +127,8 @@ namespace {
         fine = polygons_of(scene, settings.rays);
         meshes.emplace(*fine, read_tessellation(input));
         find = [&](int y0, int y1) {
-            return layers_of_rows(*fine, *meshes, settings.rays, y0, y1, static_cast<double>(settings.opaque_at));
+            return layers_of_rows(*fine, *meshes, settings.rays, y0, y1,
+                                  static_cast<double>(settings.opaque_at));
         };
     }
     Image image = cast_volumes_fast(scene, settings, cast, input.progress, find);
@@ -145,7 +146,8 @@ namespace {
 Method mdvr_method() {
     return {
         "mdvr",
-        "conventional ray-casting, all volumes sampled at the same places, surfaces between the parts of a step; all "
+        "conventional ray-casting, all volumes sampled at the same places, surfaces between the parts of a "
+        "step; all "
         "surfaces, volumes",
         {
             {"mdvr.step", "1", "length of a step in smallest voxels of the scene"},
@@ -154,7 +156,8 @@ Method mdvr_method() {
              "of volumes within a step: \"average\" (4.4), \"normalised\" (4.3), \"extinction\""},
             {"mdvr.skip", "true", "whether empty blocks are skipped; no pixel changes"},
             {"mdvr.opaque_at", "0.999", "opacity at which a ray ends"},
-            {"tessellate.error_px", "0.25", "surfaces without triangles: largest distance of theirs, in pixels"},
+            {"tessellate.error_px", "0.25",
+             "surfaces without triangles: largest distance of theirs, in pixels"},
         },
         refusal_of_ray_and_particle_methods,
         [](const RenderInput& input) {

@@ -6,8 +6,8 @@
 namespace pellucid {
 
 const std::vector<Method>& methods() {
-    static const std::vector<Method> all{particles_method(), mdvr_method(),          reference_method(),
-                                         z_test_method(),    depth_peeling_method(), alpha_blend_method()};
+    static const std::vector<Method> all{particles_method(),     reference_method(),   z_test_method(),
+                                         depth_peeling_method(), alpha_blend_method(), mdvr_method()};
     return all;
 }
 
