@@ -21,12 +21,14 @@
 #include "core/parallel.hpp"
 #include "cpu/depth_peeling.hpp"
 #include "cpu/fast_particles.hpp"
+#include "cpu/fast_volume_caster.hpp"
 #include "cpu/plain_particles.hpp"
 #include "harness/provenance.hpp"
 #include "reference/ray_scene.hpp"
 #include "reference/truth.hpp"
 #include "render/backend.hpp"
 #include "sample/particle_sampler.hpp"
+#include "stage/slab_compression.hpp"
 #include "vulkan/particles.hpp"
 
 namespace pellucid::bench {
@@ -351,6 +353,77 @@ void peel_surfaces(benchmark::State& state) {
     state.counters["layers"] = static_cast<double>(most);
 }
 
+// ---- Casting ----------------------------------------------------------------------------------
+
+void trilinear_probe(benchmark::State& state) {
+    static const TrilinearProbe probe(kCubeSamples, kCubePixels, cube_value);
+    std::uint64_t samples = 0;
+    for (auto _ : state) samples += probe.run();
+    state.counters["samples"] = rate(samples);
+}
+
+struct Casting {
+    PreparedScene scene;
+    std::uint64_t samples;  // that all rays take, one voxel apart
+    std::uint64_t blocks;   // that are not empty
+
+    explicit Casting(const CubeSettings& settings) : scene(transparent_cube(settings)), samples(0), blocks(0) {
+        for (const VolumeObject& volume : scene.volumes) {
+            const VolumeCaster rays(scene, volume, {.step = 1});
+            for (const std::uint8_t distance : rays.empty_space().distance()) blocks += distance == 0 ? 1 : 0;
+            for (int y = 0; y < kCubePixels; ++y)
+                for (int x = 0; x < kCubePixels; ++x) {
+                    const VolumeCaster::Progress p = rays.enter(scene.camera.ray(x + 0.5, y + 0.5));
+                    if (!p.done()) samples += static_cast<std::uint64_t>((p.t_out - p.t_in) / p.dt) + 1;
+                }
+        }
+    }
+};
+constexpr Shading kLit{.flat = false, .ambient = 0.2, .diffuse = 0.8, .specular = 0, .shininess = 32};
+
+/// An image of volumes, without packing them. In percent: how much of the cube is filled.
+template <int percent, int copies, bool lit>
+void cast_image(benchmark::State& state) {
+    static const Casting casting({.share = 0.01 * percent, .shading = lit ? kLit : Shading{.flat = true}, .copies = copies});
+    for (auto _ : state) {
+        MultiVolumeStats stats;
+        benchmark::DoNotOptimize(cast_volumes_fast(casting.scene, {.opaque_at = 1}, stats, [](double) {}));
+        state.SetIterationTime(stats.cast_s);
+    }
+    state.counters["samples"] = rate(done(state) * casting.samples);
+    state.counters["blocks"] = rate(done(state) * casting.blocks);
+}
+
+/// Slabs of all rays; with a collector of eight layers, or thrown away.
+template <bool collect>
+void cast_slabs(benchmark::State& state) {
+    static const Casting casting(CubeSettings{});
+    static const FastVolumeCaster caster(casting.scene, casting.scene.volumes[0], {.step = 1});
+    constexpr std::size_t kPackets = kCubePixels / kPacketSide;
+    for (auto _ : state)
+        parallel_for(kPackets, 1, [&](std::size_t begin, std::size_t end) {
+            FastVolumeCaster::PacketSlabs slabs;
+            SlabCollector collector({.layers = 8, .opaque_at = 1});
+            std::size_t kept = 0;
+            for (std::size_t row = begin; row < end; ++row)
+                for (std::size_t column = 0; column < kPackets; ++column) {
+                    caster.cast(kPacketSide * static_cast<int>(column), kPacketSide * static_cast<int>(row), 1, slabs);
+                    for (const auto& ray : slabs) {
+                        if (collect) {
+                            collector.start();
+                            for (const twin::Slab& slab : ray)
+                                if (!collector.push(slab)) break;
+                            kept += collector.finish().size();
+                        } else {
+                            kept += ray.size();
+                        }
+                    }
+                }
+            benchmark::DoNotOptimize(kept);
+        });
+    state.counters["samples"] = rate(done(state) * casting.samples);
+}
+
 void register_all() {
     using benchmark::RegisterBenchmark;
     // Each run is long enough to be timed once; the repetitions are what counts.
@@ -402,6 +475,18 @@ void register_all() {
         ->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
     RegisterBenchmark("truth/whole_particle", trace_whole_truth<PixelFilter::particle>)
         ->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
+    thrice(RegisterBenchmark("cast/probe", trilinear_probe));
+    const auto by_cast_time = [](benchmark::internal::Benchmark* b) {
+        return b->Iterations(1)->UseManualTime()->Unit(benchmark::kMillisecond);
+    };
+    by_cast_time(RegisterBenchmark("cast/flat", cast_image<100, 1, false>));
+    by_cast_time(RegisterBenchmark("cast/lit", cast_image<100, 1, true>));
+    by_cast_time(RegisterBenchmark("cast/three_flat", cast_image<100, 3, false>));
+    by_cast_time(RegisterBenchmark("cast/filled_50", cast_image<50, 1, false>));
+    by_cast_time(RegisterBenchmark("cast/filled_20", cast_image<20, 1, false>));
+    by_cast_time(RegisterBenchmark("cast/filled_5", cast_image<5, 1, false>));
+    once(RegisterBenchmark("cast/slabs", cast_slabs<false>));
+    once(RegisterBenchmark("cast/slabs_8_layers", cast_slabs<true>));
 }
 
 // ---- Memory -----------------------------------------------------------------------------------

@@ -1,5 +1,5 @@
-// Trilinear samples with no renderer around them: packets of 4 × 4 rays, uint8 in bricks of 8³ cells with an apron,
-// both neighbours along x in one gather.
+// Trilinear samples with no renderer around them: packets of 4 × 4 rays, uint8 in bricks of 8³ cells with an
+// apron, both neighbours along x in one gather.
 #define HWY_COMPILE_ONLY_STATIC
 #include <hwy/highway.h>
 
@@ -34,13 +34,15 @@ TrilinearProbe::TrilinearProbe(int samples, int pixels, std::uint8_t (*value)(in
     data_.resize(wide(blocks_) * wide(blocks_) * wide(blocks_) * kBrick);
     parallel_for(wide(blocks_) * wide(blocks_) * wide(blocks_), 16, [&](std::size_t begin, std::size_t end) {
         for (std::size_t b = begin; b < end; ++b) {
-            const int x = kBlock * static_cast<int>(b % wide(blocks_)), y = kBlock * static_cast<int>(b / wide(blocks_) % wide(blocks_)),
+            const int x = kBlock * static_cast<int>(b % wide(blocks_)),
+                      y = kBlock * static_cast<int>(b / wide(blocks_) % wide(blocks_)),
                       z = kBlock * static_cast<int>(b / wide(blocks_) / wide(blocks_));
             std::uint8_t* to = data_.data() + b * kBrick;
             for (int k = 0; k < kApron; ++k)
                 for (int j = 0; j < kApron; ++j)
                     for (int i = 0; i < kApron; ++i)
-                        *to++ = value(std::min(x + i, samples - 1), std::min(y + j, samples - 1), std::min(z + k, samples - 1));
+                        *to++ = value(std::min(x + i, samples - 1), std::min(y + j, samples - 1),
+                                      std::min(z + k, samples - 1));
         }
     });
 }
@@ -69,9 +71,12 @@ std::uint64_t TrilinearProbe::run() const {
                     for (std::size_t r = 0; r < lanes; ++r) {
                         const std::size_t ray = first + r;
                         const double a = (4.0 * column + static_cast<double>(ray % 4) + 0.5) / pixels_ - 0.5;
-                        const double b = (4.0 * static_cast<double>(tile) + static_cast<double>(ray / 4) + 0.5) / pixels_ - 0.5;
+                        const double b =
+                            (4.0 * static_cast<double>(tile) + static_cast<double>(ray / 4) + 0.5) / pixels_ -
+                            0.5;
                         const std::array<double, 3> eye{1.9 * n, 1.4 * n, 2.1 * n};
-                        const std::array<double, 3> forward{-0.584, -0.375, -0.667 * 1.08}, right{0.773, 0, -0.634}, up{0.24, 0.921, 0.29};
+                        const std::array<double, 3> forward{-0.584, -0.375, -0.667 * 1.08},
+                            right{0.773, 0, -0.634}, up{0.24, 0.921, 0.29};
                         std::array<double, 3> d{};
                         double size = 0;
                         for (std::size_t c = 0; c < 3; ++c) {
@@ -96,28 +101,44 @@ std::uint64_t TrilinearProbe::run() const {
                         most = std::max(most, inside);
                         count += static_cast<std::uint64_t>(inside);
                     }
-                    const V x0 = hn::Load(f, px.data()), y0 = hn::Load(f, py.data()), z0 = hn::Load(f, pz.data());
-                    const V xd = hn::Load(f, dx.data()), yd = hn::Load(f, dy.data()), zd = hn::Load(f, dz.data());
+                    const V x0 = hn::Load(f, px.data()), y0 = hn::Load(f, py.data()),
+                            z0 = hn::Load(f, pz.data());
+                    const V xd = hn::Load(f, dx.data()), yd = hn::Load(f, dy.data()),
+                            zd = hn::Load(f, dz.data());
                     const V left = hn::Load(f, steps.data());
                     for (int i = 0; i < most; ++i) {
                         const V t = hn::Set(f, static_cast<float>(i));
                         const auto clamped = [&](V p) { return hn::Min(hn::Max(p, hn::Zero(f)), last); };
-                        const V x = clamped(hn::MulAdd(xd, t, x0)), y = clamped(hn::MulAdd(yd, t, y0)), z = clamped(hn::MulAdd(zd, t, z0));
-                        const auto ix = hn::Min(hn::ConvertTo(s, x), last_cell), iy = hn::Min(hn::ConvertTo(s, y), last_cell),
+                        const V x = clamped(hn::MulAdd(xd, t, x0)), y = clamped(hn::MulAdd(yd, t, y0)),
+                                z = clamped(hn::MulAdd(zd, t, z0));
+                        const auto ix = hn::Min(hn::ConvertTo(s, x), last_cell),
+                                   iy = hn::Min(hn::ConvertTo(s, y), last_cell),
                                    iz = hn::Min(hn::ConvertTo(s, z), last_cell);
-                        const V fx = hn::Sub(x, hn::ConvertTo(f, ix)), fy = hn::Sub(y, hn::ConvertTo(f, iy)), fz = hn::Sub(z, hn::ConvertTo(f, iz));
-                        const auto brick = hn::Add(hn::ShiftRight<3>(ix), hn::Mul(integer(blocks_), hn::Add(hn::ShiftRight<3>(iy), hn::Mul(integer(blocks_), hn::ShiftRight<3>(iz)))));
+                        const V fx = hn::Sub(x, hn::ConvertTo(f, ix)), fy = hn::Sub(y, hn::ConvertTo(f, iy)),
+                                fz = hn::Sub(z, hn::ConvertTo(f, iz));
+                        const auto brick =
+                            hn::Add(hn::ShiftRight<3>(ix),
+                                    hn::Mul(integer(blocks_),
+                                            hn::Add(hn::ShiftRight<3>(iy),
+                                                    hn::Mul(integer(blocks_), hn::ShiftRight<3>(iz)))));
                         const auto seven = integer(7);
-                        auto at = hn::Add(hn::And(ix, seven), hn::Mul(integer(9), hn::Add(hn::And(iy, seven), hn::Mul(integer(9), hn::And(iz, seven)))));
+                        auto at = hn::Add(
+                            hn::And(ix, seven),
+                            hn::Mul(integer(9),
+                                    hn::Add(hn::And(iy, seven), hn::Mul(integer(9), hn::And(iz, seven)))));
                         at = hn::Add(at, hn::Mul(brick, integer(kBrick)));
                         const auto row = [&](int more) {
-                            const auto both = hn::GatherOffset(u, reinterpret_cast<const std::uint32_t*>(data_.data()), hn::Add(at, integer(more)));
+                            const auto both =
+                                hn::GatherOffset(u, reinterpret_cast<const std::uint32_t*>(data_.data()),
+                                                 hn::Add(at, integer(more)));
                             const auto byte = hn::Set(u, 255U);
                             const V lo = hn::ConvertTo(f, hn::BitCast(s, hn::And(both, byte)));
-                            const V hi = hn::ConvertTo(f, hn::BitCast(s, hn::And(hn::ShiftRight<8>(both), byte)));
+                            const V hi =
+                                hn::ConvertTo(f, hn::BitCast(s, hn::And(hn::ShiftRight<8>(both), byte)));
                             return hn::MulAdd(fx, hn::Sub(hi, lo), lo);
                         };
-                        const V a = row(0), b = row(kApron), c = row(kApron * kApron), d = row(kApron * kApron + kApron);
+                        const V a = row(0), b = row(kApron), c = row(kApron * kApron),
+                                d = row(kApron * kApron + kApron);
                         const V e = hn::MulAdd(fy, hn::Sub(b, a), a), g = hn::MulAdd(fy, hn::Sub(d, c), c);
                         const V value = hn::MulAdd(fz, hn::Sub(g, e), e);
                         sum = hn::Add(sum, hn::IfThenElseZero(hn::Lt(t, left), value));

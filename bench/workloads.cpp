@@ -170,6 +170,45 @@ PreparedScene wavy_isosurface(Interpolation interpolation) {
     return prepare(scene);
 }
 
+std::uint8_t cube_value(int i, int j, int k) {
+    return static_cast<std::uint8_t>(128 + 60 * std::sin(0.1 * i) * std::cos(0.07 * j + 0.05 * k) +
+                                     40 * std::sin(0.031 * k + 0.02 * i));
+}
+
+PreparedScene transparent_cube(const CubeSettings& settings) {
+    const TemporaryFolder scratch;
+    constexpr int n = kCubeSamples;
+    {
+        std::ofstream out(scratch.path() / "cube.nrrd", std::ios::binary);
+        out << "NRRD0004\ntype: uint8\ndimension: 3\nsizes: " << n << ' ' << n << ' ' << n << "\nencoding: raw\n\n";
+        const auto filled = [&](int i, int j, int k) {
+            std::uint32_t h = static_cast<std::uint32_t>(i / 32 + 8 * (j / 32 + 8 * (k / 32))) * 0x9e3779b1U;
+            h = (h ^ (h >> 15U)) * 0x2c1b3c6dU;
+            return ((h ^ (h >> 13U)) & 0xffffU) < 65536 * settings.share;
+        };
+        std::string row(n, ' ');
+        for (int k = 0; k < n; ++k)
+            for (int j = 0; j < n; ++j) {
+                for (int i = 0; i < n; ++i)
+                    row[static_cast<std::size_t>(i)] = static_cast<char>(filled(i, j, k) ? cube_value(i, j, k) : 0);
+                out << row;
+            }
+    }
+    Scene scene = empty_scene(kCubePixels, {484.5, 357, 535.5});
+    scene.camera.target = Vec3(0.5 * (n - 1));
+    scene.camera.fov_degrees = 34;
+    for (int i = 0; i < settings.copies; ++i) {
+        Volume volume;
+        volume.name = "cube";
+        volume.source = scratch.path() / "cube.nrrd";
+        volume.transfer = {{0, 1, 0, 0, 0}, {1, 1, 0, 0, 0.001}, {90, 1, 0.8, 0.6, 0.004}, {255, 1, 1, 1, 0.01}};
+        volume.shading = settings.shading;
+        volume.to_world.offset = Vec3(20 * i, -10 * i, 5 * i);
+        scene.volumes.push_back(volume);
+    }
+    return prepare(scene);
+}
+
 PreparedScene wavy_points() {
     const TemporaryFolder scratch;
     const auto radius = [](const Vec3& p) { return 1 + 0.05 * std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z); };

@@ -1,6 +1,8 @@
 // What the benchmarks work on: scenes that are made, not read, so that they are the same everywhere.
 #pragma once
 
+#include <cstdint>
+
 #include "io/mesh_file.hpp"
 #include "scene/prepared_scene.hpp"
 
@@ -25,6 +27,17 @@ inline constexpr const char* kHeadFile = "/usr/share/mricron/templates/ch2.nii.g
 [[nodiscard]] PreparedScene real_head(Interpolation interpolation = Interpolation::trilinear);
 /// The isosurface of a wavy ball in a volume of 128³.
 [[nodiscard]] PreparedScene wavy_isosurface(Interpolation interpolation = Interpolation::trilinear);
+/// A cube of 256³ uint8 that fills an image of 512², seen aslant; opacity a few thousandths a voxel where there is
+/// anything: in `share` of its blocks of 32³, scattered (1: everywhere). `copies` of it lie across one another.
+struct CubeSettings {
+    double share = 1;
+    Shading shading{.flat = true};
+    int copies = 1;
+};
+inline constexpr int kCubeSamples = 256;
+inline constexpr int kCubePixels = 512;
+[[nodiscard]] std::uint8_t cube_value(int i, int j, int k);
+[[nodiscard]] PreparedScene transparent_cube(const CubeSettings& settings);
 /// MPU surface through 120 000 points on a wavy ball.
 [[nodiscard]] PreparedScene wavy_points();
 

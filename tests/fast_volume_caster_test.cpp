@@ -14,14 +14,16 @@ using twin::Slab;
 constexpr const char* kTransfers[] = {
     // Smooth; with jumps, opacity 1 and emptiness; of more pieces than any vector has lanes (made below).
     "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.6, 0, 0, 1, 0.05], [0.9, 1, 1, 1, 0.6]]",
-    "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.4, 0, 1, 0, 0], [0.7, 0, 0, 1, 0], [0.7, 1, 1, 0, 0.8], [0.72, 1, 1, 0, 1], [0.72, 0, 0, 0, 0]]",
+    "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.4, 0, 1, 0, 0], [0.7, 0, 0, 1, 0], [0.7, 1, 1, 0, 0.8], "
+    "[0.72, 1, 1, 0, 1], [0.72, 0, 0, 0, 0]]",
     "many"};
 
 std::string transfer_of(const std::string& name, double scale, double offset) {
     if (name == "many") {
         std::string text = "[";
         for (int i = 0; i < 40; ++i)
-            text += fmt::format("[{}, {}, 0.5, {}, {}], ", offset + scale * i / 40.0, i % 2, 1 - i % 2, i < 10 ? 0.0 : 0.004 * (i % 7) * i);
+            text += fmt::format("[{}, {}, 0.5, {}, {}], ", offset + scale * i / 40.0, i % 2, 1 - i % 2,
+                                i < 10 ? 0.0 : 0.004 * (i % 7) * i);
         return text + "]";
     }
     std::string text = "[";
@@ -38,15 +40,16 @@ std::string transfer_of(const std::string& name, double scale, double offset) {
 
 enum class Samples { bytes, words, floats, holes };
 
-PreparedScene scene_of(const fs::path& folder, Samples samples, const std::string& transfer, const std::string& shading,
-                       int volumes = 1, const char* interpolation = "trilinear") {
+PreparedScene scene_of(const fs::path& folder, Samples samples, const std::string& transfer,
+                       const std::string& shading, int volumes = 1, const char* interpolation = "trilinear") {
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> unit(0, 1);
     const double scale = samples == Samples::bytes ? 255 : samples == Samples::words ? 6000 : 0.37;
     const double offset = samples == Samples::words ? -3000 : 0;
     std::vector<float> values = sampled({43, 38, 27}, [&](const Vec3& p) {
         const double v = p.x > 28 ? 0.05
-                                  : 0.5 + 0.4 * std::sin(0.5 * p.x) * std::cos(0.4 * p.y + 0.3 * p.z) + 0.05 * unit(random);
+                                  : 0.5 + 0.4 * std::sin(0.5 * p.x) * std::cos(0.4 * p.y + 0.3 * p.z) +
+                                        0.05 * unit(random);
         const double stored = offset + scale * v;
         return samples == Samples::bytes || samples == Samples::words ? std::round(stored) : stored;
     });
@@ -55,13 +58,18 @@ PreparedScene scene_of(const fs::path& folder, Samples samples, const std::strin
             if (i % 43 < 10 && i / 43 % 38 > 14) values[i] = std::numeric_limits<float>::quiet_NaN();
     put_volume(folder / "v.nrrd", {43, 38, 27}, values, {0.05, 0.06, 0.08});
     std::string toml =
-        "image.resolution = [22, 19]\n[camera]\nposition = [3, 2.5, 4]\ntarget = [0.2, 0.1, 0.2]\nfov_degrees = 28\n"
+        "image.resolution = [22, 19]\n[camera]\nposition = [3, 2.5, 4]\ntarget = [0.2, 0.1, "
+        "0.2]\nfov_degrees = 28\n"
         "[[light]]\nheadlight = true\n[[light]]\ndirection = [1, 2, 0]\nintensity = 0.5\n";
     const char* moves[] = {"", "translate = [0.3, 0.2, -0.3]\n", "rotate_degrees = [30, 10, 5]\n"};
     for (int i = 0; i < volumes; ++i)
-        toml += fmt::format("[[volume]]\nfile = \"v.nrrd\"\nopacity_step = 0.2\ninterpolation = \"{}\"\ntransfer = {}\nshading = {}\n{}", interpolation,
-                            transfer_of(transfer, scale, offset), shading,
-                            i == 0 ? "matrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, 0,0,0,1]\nclip = [{ normal = [1, 0.2, 0], offset = 0.9 }]\n" : moves[i]);
+        toml += fmt::format(
+            "[[volume]]\nfile = \"v.nrrd\"\nopacity_step = 0.2\ninterpolation = \"{}\"\ntransfer = "
+            "{}\nshading = {}\n{}",
+            interpolation, transfer_of(transfer, scale, offset), shading,
+            i == 0 ? "matrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, 0,0,0,1]\nclip = [{ normal = "
+                     "[1, 0.2, 0], offset = 0.9 }]\n"
+                   : moves[i]);
     return prepare(scene_from(toml, folder));
 }
 
@@ -72,7 +80,8 @@ struct Pixel {
 Pixel composite(const std::vector<Slab>& slabs) {
     Pixel sum;
     for (const Slab& s : slabs) {
-        sum.color += sum.clear * Vec3(static_cast<double>(s.r), static_cast<double>(s.g), static_cast<double>(s.b));
+        sum.color +=
+            sum.clear * Vec3(static_cast<double>(s.r), static_cast<double>(s.g), static_cast<double>(s.b));
         sum.clear *= 1 - static_cast<double>(s.a);
     }
     return sum;
@@ -111,7 +120,8 @@ TEST_P(FastCaster, SlabsAreThoseOfThePlainVersion) {
                     for (std::size_t i = 0; i < 16; ++i) {
                         const int px = x + static_cast<int>(i % 4), py = y + static_cast<int>(i / 4);
                         ASSERT_EQ(packet[i].size(), same[i].size());
-                        ASSERT_EQ(0, std::memcmp(packet[i].data(), same[i].data(), same[i].size() * sizeof(Slab)));
+                        ASSERT_EQ(
+                            0, std::memcmp(packet[i].data(), same[i].data(), same[i].size() * sizeof(Slab)));
                         if (px >= 22 || py >= 19) {
                             ASSERT_TRUE(packet[i].empty());
                             continue;
@@ -127,7 +137,8 @@ TEST_P(FastCaster, SlabsAreThoseOfThePlainVersion) {
                         ++rays;
                         slabs += packet[i].size();
                         if (!truth.empty() && !packet[i].empty()) {
-                            EXPECT_NEAR(packet[i].front().z - packet[i].front().d, truth.front().z - truth.front().d, 2e-5 + (off > 1e-6 ? 0.5 : 0));
+                            EXPECT_NEAR(packet[i].front().z - packet[i].front().d,
+                                        truth.front().z - truth.front().d, 2e-5 + (off > 1e-6 ? 0.5 : 0));
                         }
                         for (std::size_t k = 1; k < packet[i].size(); ++k) {
                             ASSERT_GE(packet[i][k].z - packet[i][k].d, packet[i][k - 1].z);
@@ -145,13 +156,16 @@ TEST_P(FastCaster, SlabsAreThoseOfThePlainVersion) {
 }
 
 INSTANTIATE_TEST_SUITE_P(All, FastCaster,
-                         testing::Combine(testing::Values(Samples::bytes, Samples::words, Samples::floats, Samples::holes),
+                         testing::Combine(testing::Values(Samples::bytes, Samples::words, Samples::floats,
+                                                          Samples::holes),
                                           testing::ValuesIn(kTransfers), testing::Values(kFlat, kLit)));
 
 TEST(FastMultiVolume, ImagesAreThoseOfThePlainVersion) {
     for (const int volumes : {1, 3})
-        for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction}) {
-            const PreparedScene scene = scene_of(test_folder(), Samples::bytes, kTransfers[1], kFlat, volumes);
+        for (const SlabMixing mixing :
+             {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction}) {
+            const PreparedScene scene =
+                scene_of(test_folder(), Samples::bytes, kTransfers[1], kFlat, volumes);
             MultiVolumeStats stats;
             const MultiVolumeSettings settings{.step = 0.8, .mixing = mixing, .rays = 2, .opaque_at = 1};
             MultiVolumeSettings all = settings;
@@ -163,7 +177,8 @@ TEST(FastMultiVolume, ImagesAreThoseOfThePlainVersion) {
                 expect_same_planes(fast, cast_volumes_fast(scene, all, stats, [](double) {}));
                 for (const char* plane : {"R", "G", "B", "A"})
                     for (std::size_t i = 0; i < plain.pixel_count(); ++i)
-                        ASSERT_NEAR(fast.plane(plane)[i], plain.plane(plane)[i], 3e-4) << plane << i << " " << volumes;
+                        ASSERT_NEAR(fast.plane(plane)[i], plain.plane(plane)[i], 3e-4)
+                            << plane << i << " " << volumes;
                 std::size_t other = 0;
                 for (std::size_t i = 0; i < plain.pixel_count(); ++i) {
                     const float a = fast.plane("Z")[i], b = plain.plane("Z")[i];
@@ -174,27 +189,77 @@ TEST(FastMultiVolume, ImagesAreThoseOfThePlainVersion) {
         }
 }
 
+TEST(FastMultiVolume, SurfacesCutStepsAsInThePlainVersion) {
+    const fs::path folder = test_folder();
+    Scene settings = scene_of(folder, Samples::bytes, kTransfers[0], kFlat, 2).settings;
+    Surface iso;
+    iso.name = "iso";
+    iso.shape = IsosurfaceShape{folder / "v.nrrd", 150};
+    iso.opacity = 0.3;
+    iso.to_world = settings.volumes[1].to_world;
+    settings.surfaces.push_back(iso);
+    const PreparedScene scene = prepare(settings);
+    // Three planes across the view, two of them at one depth, in a chequerboard of rays.
+    const auto planes = [&](int y0, int y1) {
+        SurfaceLayers layers;
+        layers.first.push_back(0);
+        for (int y = 2 * y0; y < 2 * y1; ++y)
+            for (int x = 0; x < 44; ++x) {
+                if ((x + y) % 2 == 0)
+                    for (const Slab& s : {Slab{3.9F, 0, 0.1F, 0, 0, 0.1F}, Slab{5, 0, 0, 0.2F, 0, 0.2F},
+                                          Slab{5, 0, 0.3F, 0, 0, 0.4F}})
+                        layers.slabs.push_back(s);
+                layers.first.push_back(layers.slabs.size());
+            }
+        return layers;
+    };
+    MultiVolumeStats stats;
+    const MultiVolumeSettings cast{.step = 0.8, .rays = 2, .opaque_at = 1};
+    const Image plain = cast_volumes(
+        scene, cast, stats, [](double) {}, planes);
+    const Image without = cast_volumes(scene, cast, stats, [](double) {});
+    double differs = 0;
+    for (const std::int64_t target : simd_targets()) {
+        const ChosenTarget chosen(target);
+        const Image fast = cast_volumes_fast(
+            scene, cast, stats, [](double) {}, planes);
+        for (const char* plane : {"R", "G", "B", "A"})
+            for (std::size_t i = 0; i < plain.pixel_count(); ++i) {
+                ASSERT_NEAR(fast.plane(plane)[i], plain.plane(plane)[i], 3e-4) << plane << i;
+                differs += static_cast<double>(std::abs(fast.plane(plane)[i] - without.plane(plane)[i]));
+            }
+    }
+    EXPECT_GT(differs, 10);
+}
+
 TEST(FastMultiVolume, OtherInterpolationsGoThePlainWay) {
     for (const char* interpolation : {"nearest", "catmull-rom"}) {
-        const PreparedScene scene = scene_of(test_folder(), Samples::floats, kTransfers[0], kLit, 2, interpolation);
+        const PreparedScene scene =
+            scene_of(test_folder(), Samples::floats, kTransfers[0], kLit, 2, interpolation);
         MultiVolumeStats stats;
-        expect_same_planes(cast_volumes_fast(scene, {}, stats, [](double) {}), cast_volumes(scene, {}, stats, [](double) {}));
+        expect_same_planes(cast_volumes_fast(scene, {}, stats, [](double) {}),
+                           cast_volumes(scene, {}, stats, [](double) {}));
     }
 }
 
 TEST(FastCasterCases, AJumpAtTheValueOfAPlateauShowsIt) {
     // All samples are 128, and the transfer function jumps there: what follows counts, from every direction.
     const fs::path folder = test_folder();
-    put_volume(folder / "v.nrrd", {9, 9, 9}, sampled({9, 9, 9}, [](const Vec3& p) { return p.x == 0 ? 3 : 128; }));
-    const PreparedScene scene = prepare(scene_from(
-        "image.resolution = [4, 4]\n[camera]\nposition = [8.3, 9.1, 30]\ntarget = [5, 4, 4]\nfov_degrees = 4\n"
-        "[[volume]]\nfile = \"v.nrrd\"\nopacity_step = 8\ntransfer = [[128, 1, 1, 1, 0], [128, 1, 1, 1, 0.5]]\n", folder));
+    put_volume(folder / "v.nrrd", {9, 9, 9},
+               sampled({9, 9, 9}, [](const Vec3& p) { return p.x == 0 ? 3 : 128; }));
+    const PreparedScene scene =
+        prepare(scene_from("image.resolution = [4, 4]\n[camera]\nposition = [8.3, 9.1, 30]\ntarget = [5, 4, "
+                           "4]\nfov_degrees = 4\n"
+                           "[[volume]]\nfile = \"v.nrrd\"\nopacity_step = 8\ntransfer = [[128, 1, 1, 1, 0], "
+                           "[128, 1, 1, 1, 0.5]]\n",
+                           folder));
     const FastVolumeCaster fast(scene, scene.volumes[0], {.step = 1});
     FastVolumeCaster::PacketSlabs packet;
     fast.cast(0, 0, 1, packet);
     for (std::size_t i = 0; i < 16; ++i) {
         const Ray ray = scene.camera.ray(static_cast<double>(i % 4) + 0.5, static_cast<double>(i / 4) + 0.5);
-        EXPECT_NEAR(composite(packet[i]).clear, std::pow(0.5, length(ray.direction) / -ray.direction.z), 2e-5);
+        EXPECT_NEAR(composite(packet[i]).clear, std::pow(0.5, length(ray.direction) / -ray.direction.z),
+                    2e-5);
     }
 }
 

@@ -107,7 +107,8 @@ TEST(Preintegration, EqualsQuadratureForAnyTransferFunction) {
         for (int i = 0; i < 5; ++i) {
             if (unit(random) < 0.7) value += 2 * unit(random);
             const double opacity = std::min(1.0, 1.1 * unit(random));
-            points.push_back({value, unit(random), unit(random), unit(random), round % 2 == 0 ? opacity : 0.3 * opacity});
+            points.push_back(
+                {value, unit(random), unit(random), unit(random), round % 2 == 0 ? opacity : 0.3 * opacity});
         }
         const TransferFunction f(points);
         const double from = -4 + 8 * unit(random), to = -4 + 8 * unit(random);
@@ -115,7 +116,8 @@ TEST(Preintegration, EqualsQuadratureForAnyTransferFunction) {
         const Look look = preintegrate(f, from, to, steps);
         const Look expected = quadrature(f, from, to, steps);
         ASSERT_NEAR(look.opacity, expected.opacity, 3e-5) << round;
-        for (int c = 0; c < 3; ++c) ASSERT_NEAR(look.color[c], expected.color[c], 5e-4 * expected.opacity + 3e-5) << round;
+        for (int c = 0; c < 3; ++c)
+            ASSERT_NEAR(look.color[c], expected.color[c], 5e-4 * expected.opacity + 3e-5) << round;
     }
 }
 
@@ -183,20 +185,28 @@ TEST(VolumeCaster, HomogeneousMediumIsBeersLawForAnyStep) {
 
 TEST(VolumeCaster, LinearRampAndJumpAreExactForAnyStep) {
     // α = (1 + z)/2: ∫ −ln(1 − α) dz over −1 … 1 is 2.
-    const PreparedScene ramp = prepare(scene_from(head() + volume("0.5 + 0.5*z", "[[0, 1, 1, 1, 0], [1, 1, 1, 1, 1]]", "", 4)));
+    const PreparedScene ramp =
+        prepare(scene_from(head() + volume("0.5 + 0.5*z", "[[0, 1, 1, 1, 0], [1, 1, 1, 1, 1]]", "", 4)));
     // Half-transparent a unit above z = 0.3.
     const PreparedScene jump = prepare(scene_from(
-        head() + volume("z", "[[-1, 1, 1, 1, 0], [0.3, 1, 1, 1, 0], [0.3, 1, 1, 1, 0.5], [1, 1, 1, 1, 0.5]]", "", 1)));
+        head() +
+        volume("z", "[[-1, 1, 1, 1, 0], [0.3, 1, 1, 1, 0], [0.3, 1, 1, 1, 0.5], [1, 1, 1, 1, 0.5]]", "", 1)));
     for (const double step : {0.05, 1.0, 3.1, 50.0}) {
-        EXPECT_NEAR(1 - composite(cast(ramp, ramp.camera.ray(1.5, 1.5), step)).clear, 1 - std::exp(-0.5), 3e-6) << step;
-        EXPECT_NEAR(1 - composite(cast(jump, jump.camera.ray(1.5, 1.5), step)).clear, 1 - std::pow(0.5, 0.7), 3e-6) << step;
+        EXPECT_NEAR(1 - composite(cast(ramp, ramp.camera.ray(1.5, 1.5), step)).clear, 1 - std::exp(-0.5),
+                    3e-6)
+            << step;
+        EXPECT_NEAR(1 - composite(cast(jump, jump.camera.ray(1.5, 1.5), step)).clear, 1 - std::pow(0.5, 0.7),
+                    3e-6)
+            << step;
     }
 }
 
 TEST(VolumeCaster, ClipPlanesCutExactly) {
     const PreparedScene scene = prepare(scene_from(
-        head() + volume("1", "[[0, 1, 1, 1, 0.5]]",
-                        "clip = [{ normal = [0, 0, 2], offset = 0.57 }, { normal = [0, 0, -1], offset = 0.613 }]", 1)));
+        head() +
+        volume("1", "[[0, 1, 1, 1, 0.5]]",
+               "clip = [{ normal = [0, 0, 2], offset = 0.57 }, { normal = [0, 0, -1], offset = 0.613 }]",
+               1)));
     for (const double step : {0.1, 1.0, 9.0}) {
         const auto slabs = cast(scene, scene.camera.ray(1.5, 1.5), step);
         EXPECT_NEAR(1 - composite(slabs).clear, 1 - std::pow(0.5, 0.285 + 0.613), 2e-6);
@@ -224,7 +234,9 @@ TEST(VolumeCaster, LabelsAreCutWhereTheirCellsEnd) {
 
 TEST(VolumeCaster, ExtremeOpacitySteps) {
     for (const auto& [step, alpha] : {std::pair(1e-30, 1.0), std::pair(1e30, 0.0), std::pair(1e-300, 1.0)}) {
-        const PreparedScene scene = prepare(scene_from(head() + volume("z", "[[-2, 0, 0, 0, 0.1], [2, 1, 1, 1, 0.9]]", "shading = { ambient = 1 }", step)));
+        const PreparedScene scene =
+            prepare(scene_from(head() + volume("z", "[[-2, 0, 0, 0, 0.1], [2, 1, 1, 1, 0.9]]",
+                                               "shading = { ambient = 1 }", step)));
         const auto slabs = cast(scene, scene.camera.ray(1.5, 1.5), 1);
         const Composite sum = composite(slabs);
         EXPECT_NEAR(1 - sum.clear, alpha, 1e-20);
@@ -235,7 +247,10 @@ TEST(VolumeCaster, ExtremeOpacitySteps) {
 }
 
 TEST(VolumeCaster, OpacityOneEndsTheRay) {
-    const PreparedScene scene = prepare(scene_from(head() + volume("z", "[[-1, 0, 0, 1, 1], [0.25, 0, 1, 0, 1], [0.25, 1, 0, 0, 0.5], [1, 1, 0, 0, 0.5]]", "", 1)));
+    const PreparedScene scene = prepare(scene_from(
+        head() + volume("z",
+                        "[[-1, 0, 0, 1, 1], [0.25, 0, 1, 0, 1], [0.25, 1, 0, 0, 0.5], [1, 1, 0, 0, 0.5]]", "",
+                        1)));
     const auto slabs = cast(scene, scene.camera.ray(1.5, 1.5), 0.7);
     EXPECT_EQ(slabs.back().a, 1);
     EXPECT_NEAR(composite(slabs).color.y, std::pow(0.5, 0.75), 2e-6);
@@ -246,40 +261,50 @@ TEST(VolumeCaster, OpacityOneEndsTheRay) {
 TEST(VolumeCaster, OneSampleAlongAnAxisAndRaysBesideDrawNothing) {
     const fs::path folder = test_folder();
     put_volume(folder / "flat.nrrd", {4, 4, 1}, std::vector<float>(16, 1.0F));
-    const PreparedScene flat = prepare(scene_from(head() + "[[volume]]\nfile = \"flat.nrrd\"\ntransfer = [[0, 1, 1, 1, 0.5]]\n", folder));
+    const PreparedScene flat = prepare(
+        scene_from(head() + "[[volume]]\nfile = \"flat.nrrd\"\ntransfer = [[0, 1, 1, 1, 0.5]]\n", folder));
     EXPECT_TRUE(cast(flat, flat.camera.ray(1.5, 1.5), 1).empty());
-    const PreparedScene beside = prepare(scene_from(head() + volume("1", "[[0, 1, 1, 1, 0.5]]", "translate = [3, 0, 0]")));
+    const PreparedScene beside =
+        prepare(scene_from(head() + volume("1", "[[0, 1, 1, 1, 0.5]]", "translate = [3, 0, 0]")));
     EXPECT_TRUE(cast(beside, beside.camera.ray(1.5, 1.5), 1).empty());
 }
 
 // ---- Against the truth ------------------------------------------------------------------------
 
 /// Two volumes with borders, placements, holes, clip planes; `which` of them alone.
-PreparedScene rough_scene(const fs::path& folder, const std::string& interpolation, const std::string& shading,
-                          bool holes, const std::string& transfer_points) {
+PreparedScene rough_scene(const fs::path& folder, const std::string& interpolation,
+                          const std::string& shading, bool holes, const std::string& transfer_points) {
     std::mt19937_64 random(5);
     std::uniform_real_distribution<double> unit(0, 1);
     std::vector<float> values = sampled({26, 25, 27}, [&](const Vec3& p) {
-        return p.x > 17 ? 0.05 : 0.5 + 0.4 * std::sin(0.9 * p.x) * std::cos(0.7 * p.y + 0.3 * p.z) + 0.1 * unit(random);
+        return p.x > 17
+                   ? 0.05
+                   : 0.5 + 0.4 * std::sin(0.9 * p.x) * std::cos(0.7 * p.y + 0.3 * p.z) + 0.1 * unit(random);
     });
     if (holes) {
         values[static_cast<std::size_t>(7 + 26 * (9 + 25 * 12))] = std::numeric_limits<float>::quiet_NaN();
         for (int k = 0; k < 27; ++k)
             for (int j = 0; j < 25; ++j)
                 for (int i = 0; i < 10; ++i)
-                    if (j > 14) values[static_cast<std::size_t>(i + 26 * (j + 25 * k))] = std::numeric_limits<float>::quiet_NaN();
+                    if (j > 14)
+                        values[static_cast<std::size_t>(i + 26 * (j + 25 * k))] =
+                            std::numeric_limits<float>::quiet_NaN();
     }
     put_volume(folder / "noise.nrrd", {26, 25, 27}, values, {0.09, 0.1, 0.08});
     return prepare(scene_from(
-        "image.resolution = [16, 16]\n[camera]\nposition = [3, 2.5, 4]\ntarget = [0.2, 0.1, 0.2]\nfov_degrees = 30\n"
-        "[[volume]]\nfile = \"noise.nrrd\"\nmatrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, 0,0,0,1]\n"
+        "image.resolution = [16, 16]\n[camera]\nposition = [3, 2.5, 4]\ntarget = [0.2, 0.1, "
+        "0.2]\nfov_degrees = 30\n"
+        "[[volume]]\nfile = \"noise.nrrd\"\nmatrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, "
+        "0,0,0,1]\n"
         "clip = [{ normal = [1, 0.2, 0], offset = 0.9 }]\nopacity_step = 0.2\ntransfer = " +
             transfer_points + fmt::format("\ninterpolation = \"{}\"\nshading = {}\n", interpolation, shading),
         folder));
 }
-constexpr const char* kSmooth = "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.6, 0, 0, 1, 0.05], [0.9, 1, 1, 1, 0.6]]";
+constexpr const char* kSmooth =
+    "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.6, 0, 0, 1, 0.05], [0.9, 1, 1, 1, 0.6]]";
 constexpr const char* kJumps =
-    "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.4, 0, 1, 0, 0], [0.7, 0, 0, 1, 0], [0.7, 1, 1, 0, 0.8], [0.72, 1, 1, 0, 1], [0.72, 0, 0, 0, 0]]";
+    "[[0.1, 1, 0, 0, 0], [0.4, 0, 1, 0, 0.2], [0.4, 0, 1, 0, 0], [0.7, 0, 0, 1, 0], [0.7, 1, 1, 0, 0.8], "
+    "[0.72, 1, 1, 0, 1], [0.72, 0, 0, 0, 0]]";
 
 TEST(VolumeCaster, ConvergesToTheTruthAsTheSquareOfTheStep) {
     for (const char* shading : {"\"flat\"", "{ ambient = 0.3, diffuse = 0.7 }"}) {
@@ -291,10 +316,12 @@ TEST(VolumeCaster, ConvergesToTheTruthAsTheSquareOfTheStep) {
             for (int x = 1; x < 16; x += 2, ++rays) {
                 const Ray ray = scene.camera.ray(x + 0.31, y + 0.77);
                 const Composite truth = integrated(scene, ray);
-                for (std::size_t i = 0; i < 4; ++i) mean[i] += difference(composite(cast(scene, ray, step[i])), truth);
+                for (std::size_t i = 0; i < 4; ++i)
+                    mean[i] += difference(composite(cast(scene, ray, step[i])), truth);
             }
         for (double& m : mean) m /= rays;
-        // Flat: order 2. Lit: order 1, for normals jump from cell to cell and the middle of a step sees one of them.
+        // Flat: order 2. Lit: order 1, for normals jump from cell to cell and the middle of a step sees one
+        // of them.
         const bool flat = std::string(shading) == "\"flat\"";
         EXPECT_LT(mean[0], flat ? 0.01 : 0.02);
         EXPECT_LT(mean[2], mean[0] / (flat ? 12 : 3));
@@ -350,9 +377,13 @@ TEST(EmptySpace, DistancesAreThoseToTheNearestBlockOfAnotherKind) {
         std::vector<EmptySpace::Kind> kinds(9 * 8 * 6);
         for (auto& k : kinds) {
             const double u = std::uniform_real_distribution<double>(0, 1)(random);
-            k = u < share ? EmptySpace::Kind::visit : u < 2 * share ? EmptySpace::Kind::not_a_number : EmptySpace::Kind::clear;
+            k = u < share       ? EmptySpace::Kind::visit
+                : u < 2 * share ? EmptySpace::Kind::not_a_number
+                                : EmptySpace::Kind::clear;
         }
-        const auto at = [&](int i, int j, int k) { return kinds[static_cast<std::size_t>(i + 9 * (j + 8 * k))]; };
+        const auto at = [&](int i, int j, int k) {
+            return kinds[static_cast<std::size_t>(i + 9 * (j + 8 * k))];
+        };
         const EmptySpace space(cells, [&](const std::array<int, 3>& first, const std::array<int, 3>& end) {
             for (std::size_t a = 0; a < 3; ++a) EXPECT_EQ(end[a], std::min(first[a] + 8, cells[a]));
             return at(first[0] / 8, first[1] / 8, first[2] / 8);
@@ -362,22 +393,26 @@ TEST(EmptySpace, DistancesAreThoseToTheNearestBlockOfAnotherKind) {
             int nearest = at(x, y, z) == EmptySpace::Kind::visit ? 0 : 255;
             for (int other = 0; other < 9 * 8 * 6 && nearest > 0; ++other)
                 if (kinds[static_cast<std::size_t>(other)] != at(x, y, z))
-                    nearest = std::min(nearest, std::max({std::abs(other % 9 - x), std::abs(other / 9 % 8 - y), std::abs(other / 72 - z)}));
+                    nearest =
+                        std::min(nearest, std::max({std::abs(other % 9 - x), std::abs(other / 9 % 8 - y),
+                                                    std::abs(other / 72 - z)}));
             ASSERT_EQ(space.distance()[static_cast<std::size_t>(i)], nearest) << i;
         }
     }
 }
 
 TEST(VolumeCaster, TurningCameraAndVolumeTogetherChangesNothing) {
-    const std::string medium = volume("x*y + z", kSmooth, "shading = { ambient = 0.1, specular = 0.4 }\nMOVE", 0.4);
+    const std::string medium =
+        volume("x*y + z", kSmooth, "shading = { ambient = 0.1, specular = 0.4 }\nMOVE", 0.4);
     const auto scene_of = [&](const std::string& camera, const std::string& move) {
         std::string text = "image.resolution = [6, 6]\n[camera]\n" + camera + medium;
         return prepare(scene_from(text.replace(text.find("MOVE"), 4, move)));
     };
     const PreparedScene still = scene_of("position = [3, 1, 2]\nup = [0, 1, 0]\n", "");
     // A quarter turn about z, (x, y, z) to (−y, x, z), then moved.
-    const PreparedScene turned = scene_of("position = [-1.5, 3.25, 3]\ntarget = [-0.5, 0.25, 1]\nup = [-1, 0, 0]\n",
-                                          "rotate_degrees = [0, 0, 90]\ntranslate = [-0.5, 0.25, 1]");
+    const PreparedScene turned =
+        scene_of("position = [-1.5, 3.25, 3]\ntarget = [-0.5, 0.25, 1]\nup = [-1, 0, 0]\n",
+                 "rotate_degrees = [0, 0, 90]\ntranslate = [-0.5, 0.25, 1]");
     for (int i = 0; i < 36; ++i) {
         const auto a = cast(still, still.camera.ray(i % 6 + 0.5, i / 6 + 0.5), 0.6);
         const auto b = cast(turned, turned.camera.ray(i % 6 + 0.5, i / 6 + 0.5), 0.6);
@@ -388,11 +423,13 @@ TEST(VolumeCaster, TurningCameraAndVolumeTogetherChangesNothing) {
 // ---- Isosurfaces ------------------------------------------------------------------------------
 
 std::string sphere_surface(const std::string& interpolation, const std::string& more) {
-    return fmt::format("[[surface]]\nisosurface = {{ volume = \"r.nrrd\", isovalue = 9, interpolation = \"{}\" }}\n{}\n",
-                       interpolation, more);
+    return fmt::format(
+        "[[surface]]\nisosurface = {{ volume = \"r.nrrd\", isovalue = 9, interpolation = \"{}\" }}\n{}\n",
+        interpolation, more);
 }
 fs::path put_radii(const fs::path& folder) {  // distance from the middle of 31³ samples
-    put_volume(folder / "r.nrrd", {31, 31, 31}, sampled({31, 31, 31}, [](const Vec3& p) { return length(p - Vec3(15.0)); }));
+    put_volume(folder / "r.nrrd", {31, 31, 31},
+               sampled({31, 31, 31}, [](const Vec3& p) { return length(p - Vec3(15.0)); }));
     return folder;
 }
 constexpr const char* kSphereView =
@@ -401,7 +438,10 @@ constexpr const char* kSphereView =
 TEST(IsosurfaceCaster, FindsBothSidesOfASphere) {
     for (const char* interpolation : {"trilinear", "catmull-rom"}) {
         const PreparedScene scene = prepare(scene_from(
-            kSphereView + sphere_surface(interpolation, "opacity = 0.4\nopacity_law = \"oblique\"\nshading = \"flat\"\ncolor = [1, 0.5, 0]"),
+            kSphereView +
+                sphere_surface(
+                    interpolation,
+                    "opacity = 0.4\nopacity_law = \"oblique\"\nshading = \"flat\"\ncolor = [1, 0.5, 0]"),
             put_radii(test_folder())));
         const IsosurfaceCaster caster(scene, scene.objects[0], {.step = 1});
         for (int i = 0; i < 81; ++i) {
@@ -423,15 +463,20 @@ TEST(IsosurfaceCaster, FindsBothSidesOfASphere) {
             EXPECT_NEAR(found[0].t, along - half, 0.05 / cosine);
             EXPECT_NEAR(found[1].t, along + half, 0.05 / cosine);
             EXPECT_NEAR(found[0].opacity, 1 - std::pow(0.6, 1 / cosine), steep ? 0.02 : 0.06);
-            EXPECT_NEAR(dot(normalize(found[0].normal), normalize(ray.origin + found[0].t * ray.direction - Vec3(15.0))), 1, 5e-3);
+            EXPECT_NEAR(dot(normalize(found[0].normal),
+                            normalize(ray.origin + found[0].t * ray.direction - Vec3(15.0))),
+                        1, 5e-3);
             EXPECT_EQ(found[0].color, Vec3(1, 0.5, 0));
         }
     }
 }
 
 TEST(IsosurfaceCaster, CrossingsLieOnTheSurfaceAndSkippingChangesNoBit) {
-    const PreparedScene scene = prepare(scene_from(kSphereView + sphere_surface("trilinear", "opacity = 0.4\nrotate_degrees = [0, 0, 0]"), put_radii(test_folder())));
-    const IsosurfaceCaster with(scene, scene.objects[0], {.step = 0.8}), without(scene, scene.objects[0], {.step = 0.8, .skip = false});
+    const PreparedScene scene = prepare(
+        scene_from(kSphereView + sphere_surface("trilinear", "opacity = 0.4\nrotate_degrees = [0, 0, 0]"),
+                   put_radii(test_folder())));
+    const IsosurfaceCaster with(scene, scene.objects[0], {.step = 0.8}),
+        without(scene, scene.objects[0], {.step = 0.8, .skip = false});
     for (int i = 0; i < 81; ++i) {
         const Ray ray = scene.camera.ray(i % 9 + 0.5, i / 9 + 0.5);
         std::vector<IsosurfaceCaster::Crossing> a, b;
@@ -449,7 +494,8 @@ TEST(IsosurfaceCaster, CrossingsLieOnTheSurfaceAndSkippingChangesNoBit) {
 }
 
 TEST(IsosurfaceCaster, VirtualSlabsReachTowardsTheViewerAndDoNotOverlap) {
-    const PreparedScene scene = prepare(scene_from(kSphereView + sphere_surface("trilinear", "opacity = 0.4"), put_radii(test_folder())));
+    const PreparedScene scene = prepare(
+        scene_from(kSphereView + sphere_surface("trilinear", "opacity = 0.4"), put_radii(test_folder())));
     const IsosurfaceCaster caster(scene, scene.objects[0], {.step = 1});
     const Ray ray = scene.camera.ray(4.5, 4.5);
     std::vector<IsosurfaceCaster::Crossing> found;
@@ -477,10 +523,13 @@ double at(const Image& image, const char* plane, std::size_t i) {
 }
 
 TEST(MultiVolume, OneVolumeIsTheCompositeOfItsSlabs) {
-    const PreparedScene scene = rough_scene(test_folder(), "trilinear", "{ ambient = 0.3, diffuse = 0.7 }", true, kJumps);
+    const PreparedScene scene =
+        rough_scene(test_folder(), "trilinear", "{ ambient = 0.3, diffuse = 0.7 }", true, kJumps);
     const Image image = draw(scene, {.step = 0.8, .opaque_at = 1});
     for (std::size_t i = 0; i < 256; ++i) {
-        const auto slabs = cast(scene, scene.camera.ray(static_cast<double>(i % 16) + 0.5, static_cast<double>(i / 16) + 0.5), 0.8);
+        const auto slabs =
+            cast(scene,
+                 scene.camera.ray(static_cast<double>(i % 16) + 0.5, static_cast<double>(i / 16) + 0.5), 0.8);
         const Composite sum = composite(slabs);
         EXPECT_NEAR(at(image, "A", i), 1 - sum.clear, 1e-6);
         EXPECT_NEAR(at(image, "R", i), sum.color.x, 1e-6);
@@ -499,12 +548,14 @@ TEST(MultiVolume, SkippingChangesNoBit) {
     scene.volumes[1].to_world.offset += Vec3(0.3, 0.1, 0.2);
     const PreparedScene two = prepare(scene);
     for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction})
-        expect_same_planes(draw(two, {.mixing = mixing, .skip = true}), draw(two, {.mixing = mixing, .skip = false}));
+        expect_same_planes(draw(two, {.mixing = mixing, .skip = true}),
+                           draw(two, {.mixing = mixing, .skip = false}));
 }
 
 TEST(MultiVolume, EqualVolumesAddTheirOpacity) {
     const std::string medium = volume("z", "[[-1, 1, 0.2, 0, 0.05], [1, 1, 0.2, 0, 0.7]]", "", 0.7);
-    const PreparedScene one = prepare(scene_from(head() + medium)), two = prepare(scene_from(head() + medium + medium));
+    const PreparedScene one = prepare(scene_from(head() + medium)),
+                        two = prepare(scene_from(head() + medium + medium));
     const double clear = 1 - at(draw(one, {.opaque_at = 1}), "A", 4);
     for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction}) {
         const Image image = draw(two, {.mixing = mixing, .opaque_at = 1});
@@ -520,7 +571,8 @@ TEST(MultiVolume, OverlappingMediaWithExtinctionAreTheTruth) {
     const PreparedScene scene = prepare(scene_from(head(4, 3) + a + b));
     const Image image = draw(scene, {.step = 1 / 32.0, .mixing = SlabMixing::extinction, .opaque_at = 1});
     for (std::size_t i = 0; i < 16; ++i) {
-        const Composite truth = integrated(scene, scene.camera.ray(static_cast<double>(i % 4) + 0.5, static_cast<double>(i / 4) + 0.5));
+        const Composite truth = integrated(
+            scene, scene.camera.ray(static_cast<double>(i % 4) + 0.5, static_cast<double>(i / 4) + 0.5));
         EXPECT_NEAR(at(image, "A", i), 1 - truth.clear, 1e-3);
         EXPECT_NEAR(at(image, "R", i), truth.color.x, 1e-3);
         EXPECT_NEAR(at(image, "B", i), truth.color.z, 1e-3);
@@ -557,7 +609,9 @@ TEST(MultiVolume, SurfacesLieInOrderBetweenThePartsOfAStep) {
         const Image image = draw(scene, {.step = step, .opaque_at = 1});
         const double outside = std::pow(0.5, 0.6), inside = std::pow(0.5, 1.8);
         EXPECT_NEAR(at(image, "R", 40), 0.3 * outside + 0.7 * outside * inside * 0.3, 1e-4);
-        EXPECT_NEAR(at(image, "B", 40), 1 - outside + 0.7 * outside * (1 - inside) + 0.49 * outside * inside * (1 - outside), 1e-4);
+        EXPECT_NEAR(at(image, "B", 40),
+                    1 - outside + 0.7 * outside * (1 - inside) + 0.49 * outside * inside * (1 - outside),
+                    1e-4);
         EXPECT_NEAR(at(image, "Z", 40), 60, 1e-3);
     }
 }
@@ -568,14 +622,73 @@ TEST(MultiVolume, MoreRaysAreTheMeanOfTheirPixels) {
     const Image coarse = draw(prepare(scene_from(head(2, 2.1) + medium)), {.rays = 3});
     for (std::size_t i = 0; i < 4; ++i) {
         double sum = 0;
-        for (std::size_t k = 0; k < 9; ++k) sum += at(fine, "A", 3 * (i % 2) + k % 3 + 6 * (3 * (i / 2) + k / 3));
+        for (std::size_t k = 0; k < 9; ++k)
+            sum += at(fine, "A", 3 * (i % 2) + k % 3 + 6 * (3 * (i / 2) + k / 3));
         EXPECT_NEAR(at(coarse, "A", i), sum / 9, 1e-6);
     }
 }
 
-TEST(MultiVolume, RefusesWhatItCannotDraw) {
+Image render(const std::string& toml, const std::string& settings = "") {
+    const PreparedScene scene = prepare(scene_from(toml));
+    const Config config = Config::parse("[mdvr]\n" + settings, "test.toml", "/");
+    RenderStats stats;
+    const RenderInput input{scene, config.root().table("mdvr"), {}, {}};
     const Method& method = method_by_name("mdvr");
-    const auto why = method.refusal(scene_from(head() + "[[surface]]\nname = \"ring\"\nimplicit = \"torus\"\n"));
+    EXPECT_FALSE(method.plan(input).empty());
+    return method.render(input, stats);
+}
+
+TEST(Mdvr, SheetsLieBetweenThePartsOfAMediumAtEveryRay) {
+    const auto sheet = [](double z, const char* color, double opacity) {
+        return fmt::format(
+            "[[surface]]\nrectangle = {{ center = [0, 0, {}] }}\ncolor = [{}]\nopacity = {}\nshading = "
+            "\"flat\"\n",
+            z, color, opacity);
+    };
+    // Blue medium of 0.5 a unit; sheets in front, inside of a cell, on a face of cells, behind.
+    const std::string medium = volume("1", "[[0, 0, 0, 1, 0.5]]", "", 1);
+    double clear = 1, r = 0, g = 0, b = 0;
+    const auto pass = [&](double& sum, double alpha) {
+        sum += clear * alpha;
+        clear *= 1 - alpha;
+    };
+    pass(r, 0.3);
+    pass(b, 1 - std::pow(0.5, 0.8));
+    pass(g, 0.4);
+    pass(b, 1 - std::pow(0.5, 0.7));
+    pass(r, 0.2);
+    pass(b, 1 - std::pow(0.5, 0.5));
+    pass(g, 1);
+    const std::string toml = head(5) + medium + sheet(1.5, "1, 0, 0", 0.3) + sheet(0.2, "0, 1, 0", 0.4) +
+                             sheet(-0.5, "1, 0, 0", 0.2) + sheet(-2, "0, 1, 0", 1);
+    for (const char* settings :
+         {"opaque_at = 1", "opaque_at = 1\nrays = 3\nstep = 0.37", "opaque_at = 1\nskip = false\nstep = 9"}) {
+        const Image image = render(toml, settings);
+        for (std::size_t i = 0; i < 25; ++i) {
+            EXPECT_NEAR(at(image, "R", i), r, 2e-6);
+            EXPECT_NEAR(at(image, "G", i), g, 2e-6);
+            EXPECT_NEAR(at(image, "B", i), b, 2e-6);
+            EXPECT_NEAR(at(image, "A", i), 1, 1e-6);
+            EXPECT_NEAR(at(image, "Z", i), 2.5, 1e-6);
+        }
+    }
+}
+
+TEST(Mdvr, DrawsSurfacesWithoutVolumes) {
+    const Image image =
+        render(head(8, 3) +
+               "[[surface]]\nimplicit = \"sphere\"\nopacity = 0.5\nshading = \"flat\"\ncolor = [1, 1, 1]\n");
+    EXPECT_NEAR(at(image, "A", 8 * 4 + 4), 0.75, 1e-6);
+    EXPECT_NEAR(at(image, "Z", 8 * 4 + 4), 4 - std::sqrt(1 - 2 * 0.1875 * 0.1875), 0.1);
+    EXPECT_EQ(at(image, "A", 0), 0);
+    EXPECT_EQ(at(image, "Z", 0), kInfinity);
+}
+
+TEST(Mdvr, RefusesContours) {
+    const Method& method = method_by_name("mdvr");
+    const auto why = method.refusal(
+        scene_from(head() + "[[surface]]\nname = \"ring\"\nimplicit = \"torus\"\ncontours = [{ field = "
+                            "\"y\", spacing = 0.2, width_px = 2, color = [0, 0, 0] }]\n"));
     ASSERT_TRUE(why.has_value());
     EXPECT_NE(why->find("ring"), std::string::npos);
     EXPECT_FALSE(method.refusal(scene_from(head() + volume("1", "[[0, 1, 1, 1, 0.5]]"))).has_value());

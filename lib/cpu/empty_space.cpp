@@ -15,8 +15,8 @@ constexpr int kFarthest = 255;
     return static_cast<std::size_t>(n);
 }
 
-/// Along one axis, both ways: out = min over neighbours at distance k of max(k, in), which turns distances within
-/// planes into those within the body (the greatest of three coordinates). In place, a line at a time.
+/// Along one axis, both ways: out = min over neighbours at distance k of max(k, in), which turns distances
+/// within planes into those within the body (the greatest of three coordinates). In place, a line at a time.
 void spread(std::vector<std::uint8_t>& distance, const std::array<int, 3>& size, std::size_t axis) {
     const std::size_t stride = axis == 0 ? 1 : axis == 1 ? wide(size[0]) : wide(size[0]) * wide(size[1]);
     const std::size_t lines = distance.size() / wide(size[axis]);

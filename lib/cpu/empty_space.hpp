@@ -1,10 +1,10 @@
-// Block-wise empty-space skipping: blocks of cells in which nothing can be seen, and how far from each the nearest
-// one is that must be visited. D. Cohen, Z. Sheffer, Proximity clouds, The Visual Computer 11 (1994).
+// Block-wise empty-space skipping: blocks of cells in which nothing can be seen, and how far from each the
+// nearest one is that must be visited. D. Cohen, Z. Sheffer, Proximity clouds, The Visual Computer 11 (1994).
 //
-// What is skipped changes no result. Neighbouring blocks share samples, so the ranges of their values overlap, and
-// on a way through empty blocks every number between the values at its two ends is invisible: pre-integrated or
-// not. Samples that are not a number break the chain, so a block with some of them is visited, and blocks of
-// nothing else are a kind of their own.
+// What is skipped changes no result. Neighbouring blocks share samples, so the ranges of their values
+// overlap, and on a way through empty blocks every number between the values at its two ends is invisible:
+// pre-integrated or not. Samples that are not a number break the chain, so a block with some of them is
+// visited, and blocks of nothing else are a kind of their own.
 #pragma once
 
 #include <array>
@@ -25,8 +25,9 @@ public:
     /// Everything is visited.
     EmptySpace() = default;
     /// kind(first, end): of the cells from `first` up to, not including, `end`; called from several threads.
-    EmptySpace(const std::array<int, 3>& cells,
-               const std::function<Kind(const std::array<int, 3>& first, const std::array<int, 3>& end)>& kind);
+    EmptySpace(
+        const std::array<int, 3>& cells,
+        const std::function<Kind(const std::array<int, 3>& first, const std::array<int, 3>& end)>& kind);
 
     /// Blocks along each axis; 0: everything is visited.
     [[nodiscard]] const std::array<int, 3>& blocks() const { return blocks_; }

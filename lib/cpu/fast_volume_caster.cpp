@@ -85,12 +85,15 @@ struct PacketInVolume {
     alignas(64) std::array<PacketRow, 3> p, d;
 };
 struct Packet {
-    std::int64_t first;                 // number of the step
-    std::vector<PacketInVolume> in;     // by volume
-    alignas(64) PacketRow last;         // u where a ray has left all volumes
+    std::int64_t first;                              // number of the step
+    std::vector<PacketInVolume> in;                  // by volume
+    alignas(64) PacketRow last;                      // u where a ray has left all volumes
     alignas(64) std::array<PacketRow, 3> to_viewer;  // unit vectors
-    alignas(64) PacketRow z, dt;        // depth is z + u·dt
+    alignas(64) PacketRow z, dt;                     // depth is z + u·dt
     std::array<double, kPacketRays> dt_exact;
+    std::array<std::vector<DepthLayer>, kPacketRays> layers;  // surfaces
+    bool has_layers = false;
+    std::vector<std::array<VolumeCaster::Progress, kPacketRays>> progress;  // scratch
 };
 /// What has been gathered: associated colour, transmittance, and u where something was seen first.
 struct PacketSums {
@@ -118,10 +121,18 @@ using W = hn::Vec<I>;
 using M = hn::Mask<F>;
 static_assert(hn::MaxLanes(F()) <= kPacketRays && kPacketRays % hn::MaxLanes(F()) == 0);
 
-[[nodiscard]] HWY_INLINE V load(const PacketRow& row, std::size_t ray) { return hn::Load(F(), row.data() + ray); }
-HWY_INLINE void store(V value, PacketRow& row, std::size_t ray) { hn::Store(value, F(), row.data() + ray); }
-[[nodiscard]] HWY_INLINE W whole(int value) { return hn::Set(I(), value); }
-[[nodiscard]] HWY_INLINE V clamp(V value, V lo, V hi) { return hn::Min(hn::Max(value, lo), hi); }
+[[nodiscard]] HWY_INLINE V load(const PacketRow& row, std::size_t ray) {
+    return hn::Load(F(), row.data() + ray);
+}
+HWY_INLINE void store(V value, PacketRow& row, std::size_t ray) {
+    hn::Store(value, F(), row.data() + ray);
+}
+[[nodiscard]] HWY_INLINE W whole(int value) {
+    return hn::Set(I(), value);
+}
+[[nodiscard]] HWY_INLINE V clamp(V value, V lo, V hi) {
+    return hn::Min(hn::Max(value, lo), hi);
+}
 
 // ---- Samples ----------------------------------------------------------------------------------
 
@@ -146,9 +157,8 @@ struct Cell {
 };
 
 HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
-    const VoxelGrid& grid = volume.object->field().grid();
     const auto cell = [&](V place, std::size_t axis) {
-        return hn::Min(hn::ConvertTo(I(), place), whole(grid.size[axis] - 2));
+        return hn::Min(hn::ConvertTo(I(), place), whole(volume.last_cell[axis]));
     };
     const W i = cell(index.x, 0), j = cell(index.y, 1), k = cell(index.z, 2);
     Cell c;
@@ -182,7 +192,9 @@ HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
 }
 
 /// By differences: where all samples are equal, exactly their value.
-[[nodiscard]] HWY_INLINE V between(V a, V b, V share) { return add_product(a, share, hn::Sub(b, a)); }
+[[nodiscard]] HWY_INLINE V between(V a, V b, V share) {
+    return add_product(a, share, hn::Sub(b, a));
+}
 
 [[nodiscard]] HWY_INLINE V value_of(const Cell& c) {
     const V a = add_product(c.low[0], c.at.x, c.more[0]), b = add_product(c.low[1], c.at.x, c.more[1]);
@@ -203,7 +215,8 @@ HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
 [[nodiscard]] HWY_INLINE V look_up(const std::vector<float>& table, std::uint32_t count, W index) {
     if (count <= hn::Lanes(F()))
         return hn::TableLookupLanes(hn::LoadU(F(), table.data()), hn::IndicesFromVec(F(), index));
-    return hn::BitCast(F(), gather(reinterpret_cast<const std::uint8_t*>(table.data()), hn::ShiftLeft<2>(index)));
+    return hn::BitCast(F(),
+                       gather(reinterpret_cast<const std::uint8_t*>(table.data()), hn::ShiftLeft<2>(index)));
 }
 
 /// The piece in which each value lies: how many of the others begin at or below.
@@ -231,7 +244,8 @@ HWY_NOINLINE void steep_depth(V r, V middle, PieceDepth& out) {
     const V safe = hn::Max(size, set(0.5F));
     const V mean = hn::Add(hn::Sub(middle, hn::Div(hn::Mul(set(0.5F), whole_part), safe)), set(1.0F));
     const V inverse = hn::Div(set(1.0F), safe);
-    const V odd = hn::Mul(hn::Mul(set(0.5F), hn::Sub(set(1.0F), hn::Mul(inverse, inverse))), hn::Sub(up, down));
+    const V odd =
+        hn::Mul(hn::Mul(set(0.5F), hn::Sub(set(1.0F), hn::Mul(inverse, inverse))), hn::Sub(up, down));
     const V skew = hn::Mul(set(-0.25F), hn::Add(odd, inverse));
     out.mean = hn::IfThenElse(steep, mean, out.mean);
     out.skew = hn::IfThenElse(steep, with_sign_of(hn::Abs(skew), hn::Neg(r)), out.skew);
@@ -278,9 +292,9 @@ struct StepLook {
     V3 color;
 };
 
-/// Where colour changes evenly along a part, what is seen of it stands by this share of the part behind its middle:
-/// for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to 0.02, and to 2e-3
-/// up to a depth of 2.
+/// Where colour changes evenly along a part, what is seen of it stands by this share of the part behind its
+/// middle: for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to
+/// 0.02, and to 2e-3 up to a depth of 2.
 [[nodiscard]] HWY_INLINE V color_shift(const PieceDepth& piece, V depth) {
     const V thin = add_product(set(12.0F), set(0.2F), hn::Mul(depth, depth));
     const V mean = hn::Max(piece.mean, set(1e-30F));
@@ -293,8 +307,8 @@ struct StepLook {
     return clamp(shift, set(-0.5F), set(0.5F));
 }
 
-/// Pre-integration between two values, as cpu/preintegration.hpp; `piece` is that of `from` and becomes that of
-/// `to`. `steps`: opacity steps in it.
+/// Pre-integration between two values, as cpu/preintegration.hpp; `piece` is that of `from` and becomes that
+/// of `to`. `steps`: opacity steps in it.
 HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps, M inside, W& piece) {
     StepLook look{set(0), set(0), {set(0), set(0), set(0)}};
     M active = hn::And(inside, hn::And(hn::Eq(from, from), hn::Eq(to, to)));
@@ -355,7 +369,8 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
 // ---- Shading ----------------------------------------------------------------------------------
 
 /// rgb = color·(ambient + diffuse·Σ) + specular·Σ, of associated colours; unlit where there is no gradient.
-HWY_INLINE V3 lit_color(const FastVolume& volume, const V3& color, V opacity, const V3& gradient, const V3& viewer) {
+HWY_INLINE V3 lit_color(const FastVolume& volume, const V3& color, V opacity, const V3& gradient,
+                        const V3& viewer) {
     const V largest = hn::Max(hn::Max(hn::Abs(gradient.x), hn::Abs(gradient.y)), hn::Abs(gradient.z));
     const M steep = hn::Gt(largest, set(0));
     const V3 g = scaled(gradient, hn::Div(set(1.0F), hn::IfThenElse(steep, largest, set(1.0F))));
@@ -400,9 +415,9 @@ public:
         value_ = value_of(cell_at(volume_->packed, index(u_)));
         piece_ = piece_of(volume_->packed.transfer, value_);
     }
-    /// Step i of those that are `alive`.
-    HWY_INLINE StepLook step(V i, M alive, const V3& viewer) {
-        const V u = clamp(hn::Add(i, set(1.0F)), u_in_, u_out_);
+    /// Of those that are `alive`, on to u = `target`.
+    HWY_INLINE StepLook step(V target, M alive, const V3& viewer) {
+        const V u = clamp(target, u_in_, u_out_);
         const V share = hn::Sub(u, u_);
         const V value = value_of(cell_at(volume_->packed, index(u)));
         const M inside = hn::And(alive, hn::Gt(share, set(0)));
@@ -414,8 +429,8 @@ public:
             const V3 gradient = gradient_of(cell_at(volume_->packed, index(middle)));
             look.color = lit_color(*volume_, look.color, look.opacity, gradient, viewer);
         }
-        // Where a ray was not looked at its piece may be another one: after numbers that are none, and before it
-        // comes in.
+        // Where a ray was not looked at its piece may be another one: after numbers that are none, and before
+        // it comes in.
         const M followed = hn::And(inside, hn::Eq(value_, value_));
         if (HWY_UNLIKELY(!hn::AllTrue(F(), hn::Or(followed, hn::Eq(value, value_)))))
             piece = piece_of(volume_->packed.transfer, value);
@@ -432,21 +447,24 @@ public:
         const M here = hn::And(alive, hn::And(hn::Lt(u_in_, u_out_), hn::Lt(u, u_out_)));
         if (hn::AllFalse(F(), here)) return kNever;
         const EmptySpace& space = volume.space;
-        if (space.distance().empty()) return hn::GetLane(hn::MinOfLanes(F(), hn::IfThenElse(here, hn::Floor(u), set(kNever))));
+        if (space.distance().empty())
+            return hn::GetLane(hn::MinOfLanes(F(), hn::IfThenElse(here, hn::Floor(u), set(kNever))));
         if (!space.anything()) return kNever;
         const V3 at = index(u);
         const auto block = [&](V place, std::size_t axis) {
             return hn::Min(hn::ShiftRight<3>(hn::ConvertTo(I(), place)), whole(space.blocks()[axis] - 1));
         };
         const W bx = block(at.x, 0), by = block(at.y, 1), bz = block(at.z, 2);
-        const W number = hn::Add(bx, hn::Mul(whole(space.blocks()[0]), hn::Add(by, hn::Mul(whole(space.blocks()[1]), bz))));
+        const W number = hn::Add(
+            bx, hn::Mul(whole(space.blocks()[0]), hn::Add(by, hn::Mul(whole(space.blocks()[1]), bz))));
         const W away = hn::BitCast(I(), hn::And(gather(space.distance().data(), number), hn::Set(U(), 255U)));
         const M empty = hn::RebindMask(F(), hn::Gt(away, whole(0)));
         // Along each axis the face of the cube of empty blocks through which a ray leaves, a hair before it.
         V end = set(kNever);
         const auto leave = [&](W b, V p, V d) {
             const V up = hn::Sub(hn::ConvertTo(F(), hn::ShiftLeft<3>(hn::Add(b, away))), set(kFaceRoom));
-            const V down = hn::Add(hn::ConvertTo(F(), hn::ShiftLeft<3>(hn::Add(hn::Sub(b, away), whole(1)))), set(kFaceRoom));
+            const V down = hn::Add(hn::ConvertTo(F(), hn::ShiftLeft<3>(hn::Add(hn::Sub(b, away), whole(1)))),
+                                   set(kFaceRoom));
             const V face = hn::IfThenElse(hn::Gt(d, set(0)), up, down);
             const V meet = hn::Div(hn::Sub(face, p), d);
             end = hn::IfThenElse(hn::Eq(d, set(0)), end, hn::Min(end, meet));
@@ -455,7 +473,8 @@ public:
         leave(by, p_.y, d_.y);
         leave(bz, p_.z, d_.z);
         const V after = hn::Floor(hn::Max(u, end));
-        const V target = hn::IfThenElse(empty, hn::IfThenElse(hn::Ge(end, u_out_), set(kNever), after), hn::Floor(u));
+        const V target =
+            hn::IfThenElse(empty, hn::IfThenElse(hn::Ge(end, u_out_), set(kNever), after), hn::Floor(u));
         return hn::GetLane(hn::MinOfLanes(F(), hn::IfThenElse(here, target, set(kNever))));
     }
     static constexpr float kNever = 1e9F;
@@ -466,9 +485,8 @@ public:
 
 private:
     [[nodiscard]] HWY_INLINE V3 index(V u) const {
-        const VoxelGrid& grid = volume_->packed.object->field().grid();
         const auto axis = [&](V p, V d, std::size_t a) {
-            return clamp(add_product(p, u, d), set(0), set(static_cast<float>(grid.size[a] - 1)));
+            return clamp(add_product(p, u, d), set(0), set(volume_->packed.last[a]));
         };
         return {axis(p_.x, d_.x, 0), axis(p_.y, d_.y, 1), axis(p_.z, d_.z, 2)};
     }
@@ -490,13 +508,16 @@ struct Rays {
 };
 
 /// Slabs of one volume.
-void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSettings& settings, PacketSlabs& out) {
+void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSettings& settings,
+                PacketSlabs& out) {
     const std::size_t lanes = hn::Lanes(F());
     for (std::size_t ray = 0; ray < kPacketRays; ray += lanes) {
         Walk walk;
         walk.begin(volume, packet.in[0], ray);
-        Rays rays{set(1.0F), load(packet.last, ray),
-                  {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
+        Rays rays{
+            set(1.0F),
+            load(packet.last, ray),
+            {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
         const V z = load(packet.z, ray), dt = load(packet.dt, ray);
         bool look_ahead = true, primed = false;
         for (float i = 0;; i += 1) {
@@ -512,7 +533,7 @@ void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSett
             }
             if (!primed) walk.prime(set(i));
             primed = true;
-            const StepLook look = walk.step(set(i), alive, rays.viewer);
+            const StepLook look = walk.step(set(i + 1), alive, rays.viewer);
             const M seen = hn::Gt(look.opacity, set(0));
             look_ahead = hn::AllFalse(F(), seen);
             if (look_ahead) continue;
@@ -528,7 +549,8 @@ void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSett
             store(look.opacity, row[5], 0);
             for (std::size_t k = 0; k < lanes; ++k)
                 if (row[5][k] > 0)
-                    out[ray + k].push_back({row[0][k], row[1][k], row[2][k], row[3][k], row[4][k], row[5][k]});
+                    out[ray + k].push_back(
+                        {row[0][k], row[1][k], row[2][k], row[3][k], row[4][k], row[5][k]});
         }
     }
 }
@@ -544,9 +566,11 @@ public:
     HWY_INLINE void add(const StepLook& look, SlabMixing mixing) {
         if (count_++ == 0) {
             sum_ = look;
-            weighted_ = scaled(straight(look), look.depth);
-            total_ = look.opacity;
             return;
+        }
+        if (count_ == 2) {
+            if (mixing == SlabMixing::extinction) weighted_ = scaled(straight(sum_), sum_.depth);
+            total_ = sum_.opacity;
         }
         switch (mixing) {
             case SlabMixing::average: {
@@ -565,7 +589,8 @@ public:
                 break;
             case SlabMixing::extinction: {
                 const V3 more = scaled(straight(look), look.depth);
-                weighted_ = {hn::Add(weighted_.x, more.x), hn::Add(weighted_.y, more.y), hn::Add(weighted_.z, more.z)};
+                weighted_ = {hn::Add(weighted_.x, more.x), hn::Add(weighted_.y, more.y),
+                             hn::Add(weighted_.z, more.z)};
                 break;
             }
         }
@@ -592,12 +617,31 @@ private:
     V total_;
 };
 
-/// All volumes together, composited.
+/// The next surface of each ray.
+struct NextLayers {
+    alignas(64) PacketRow u;
+    alignas(64) std::array<PacketRow, 4> rgba;
+    std::array<std::size_t, kPacketRays> next;
+
+    void read(const Packet& packet, std::size_t ray, std::size_t k) {
+        const auto& layers = packet.layers[ray + k];
+        if (next[k] == layers.size()) {
+            u[k] = Walk::kNever;
+            return;
+        }
+        const DepthLayer& layer = layers[next[k]++];
+        u[k] = static_cast<float>(layer.t / packet.dt_exact[ray + k] - static_cast<double>(packet.first));
+        const std::array<float, 4> channels{layer.slab.r, layer.slab.g, layer.slab.b, layer.slab.a};
+        for (std::size_t c = 0; c < 4; ++c) rgba[c][k] = channels[c];
+    }
+};
+
+/// All volumes together, composited, with surfaces between the parts of their steps.
 void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, const PacketSettings& settings,
                PacketSums& out) {
     const std::size_t lanes = hn::Lanes(F());
+    const std::size_t count = volumes.size();
     for (std::size_t ray = 0; ray < kPacketRays; ray += lanes) {
-        const std::size_t count = volumes.size();
         std::array<Walk, kMostVolumes> walks;
         std::array<float, kMostVolumes> next{}, primed{};
         std::array<bool, kMostVolumes> look_ahead{};
@@ -606,12 +650,25 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
             primed[v] = -1;
             look_ahead[v] = true;
         }
-        Rays rays{set(1.0F), load(packet.last, ray),
-                  {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
+        NextLayers layers{};
+        layers.u.fill(Walk::kNever);
+        if (packet.has_layers)
+            for (std::size_t k = 0; k < lanes; ++k) layers.read(packet, ray, k);
+        Rays rays{
+            set(1.0F),
+            load(packet.last, ray),
+            {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
         V3 color{set(0), set(0), set(0)};
         V first = set(Walk::kNever);
+        const auto add = [&](const V3& associated, V opacity, V begin, M those) {
+            const V share = hn::IfThenElseZero(those, rays.clear);
+            color = {add_product(color.x, share, associated.x), add_product(color.y, share, associated.y),
+                     add_product(color.z, share, associated.z)};
+            rays.clear = hn::Mul(rays.clear, hn::Sub(set(1.0F), hn::IfThenElseZero(those, opacity)));
+            first = hn::IfThenElse(hn::And(those, hn::Gt(opacity, set(0))), hn::Min(first, begin), first);
+        };
         for (float i = 0;; i += 1) {
-            const M alive = rays.alive(settings.least_clear, set(i));
+            M alive = rays.alive(settings.least_clear, set(i));
             if (hn::AllFalse(F(), alive)) break;
             // Where the last step of a volume showed nothing: when does it again?
             float soonest = Walk::kNever;
@@ -619,36 +676,49 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
                 if (next[v] <= i && look_ahead[v]) next[v] = walks[v].next_step(set(i), alive);
                 soonest = std::min(soonest, std::max(next[v], i));
             }
+            if (packet.has_layers) {
+                const V u = hn::IfThenElse(alive, load(layers.u, 0), set(Walk::kNever));
+                soonest = std::min(soonest, std::max(hn::GetLane(hn::MinOfLanes(F(), hn::Floor(u))), i));
+            }
             if (soonest >= Walk::kNever) break;
             i = soonest;
-            StepLook sum;
-            V begin = set(Walk::kNever);
-            if (count == 1) {
-                if (primed[0] != i) walks[0].prime(set(i));
-                sum = walks[0].step(set(i), alive, rays.viewer);
-                primed[0] = i + 1;
-                look_ahead[0] = hn::AllFalse(F(), hn::Gt(sum.opacity, set(0)));
-                begin = walks[0].front();
-            } else {
+            std::array<bool, kMostVolumes> seen{};
+            for (std::size_t v = 0; v < count; ++v) {
+                if (next[v] <= i && primed[v] != i) walks[v].prime(set(i));
+            }
+            for (;;) {
+                const V target = hn::Min(set(i + 1), load(layers.u, 0));
                 Mixture mixture;
+                V begin = set(Walk::kNever);
                 for (std::size_t v = 0; v < count; ++v) {
                     if (next[v] > i) continue;
-                    if (primed[v] != i) walks[v].prime(set(i));
-                    const StepLook look = walks[v].step(set(i), alive, rays.viewer);
-                    const M seen = hn::Gt(look.opacity, set(0));
-                    primed[v] = i + 1;
-                    look_ahead[v] = hn::AllFalse(F(), seen);
-                    if (look_ahead[v]) continue;
+                    const StepLook look = walks[v].step(target, alive, rays.viewer);
+                    const M visible = hn::Gt(look.opacity, set(0));
+                    if (hn::AllFalse(F(), visible)) continue;
+                    seen[v] = true;
                     mixture.add(look, settings.mixing);
-                    begin = hn::IfThenElse(seen, hn::Min(begin, walks[v].front()), begin);
+                    begin = hn::IfThenElse(visible, hn::Min(begin, walks[v].front()), begin);
                 }
-                if (mixture.empty()) continue;
-                sum = mixture.result(settings.mixing);
+                if (!mixture.empty()) {
+                    const StepLook sum = mixture.result(settings.mixing);
+                    add(sum.color, sum.opacity, begin, alive);
+                }
+                if (!packet.has_layers) break;
+                const V u = load(layers.u, 0);
+                const M met = hn::Lt(u, set(i + 1));
+                if (hn::AllFalse(F(), met)) break;
+                alive = hn::And(alive, hn::Gt(rays.clear, set(settings.least_clear)));
+                add({load(layers.rgba[0], 0), load(layers.rgba[1], 0), load(layers.rgba[2], 0)},
+                    load(layers.rgba[3], 0), u, hn::And(alive, met));
+                alive = hn::And(alive, hn::Gt(rays.clear, set(settings.least_clear)));
+                for (std::size_t k = 0; k < lanes; ++k)
+                    if (layers.u[k] < i + 1) layers.read(packet, ray, k);
             }
-            color = {add_product(color.x, rays.clear, sum.color.x), add_product(color.y, rays.clear, sum.color.y),
-                     add_product(color.z, rays.clear, sum.color.z)};
-            rays.clear = hn::Mul(rays.clear, hn::Sub(set(1.0F), sum.opacity));
-            first = hn::IfThenElse(hn::Gt(sum.opacity, set(0)), hn::Min(first, begin), first);
+            for (std::size_t v = 0; v < count; ++v) {
+                if (next[v] > i) continue;
+                primed[v] = i + 1;
+                look_ahead[v] = !seen[v];
+            }
         }
         store(color.x, out.color[0], ray);
         store(color.y, out.color[1], ray);
@@ -674,12 +744,13 @@ HWY_EXPORT(cast_sums);
 constexpr double kMostSteps = 1 << 20;
 
 /// Rays through image positions x, y.
-void make_packet(const Camera& camera, const std::vector<const FastVolume*>& volumes,
+void make_packet(const Camera& camera, double step, const std::vector<const FastVolume*>& volumes,
                  const std::array<Vec2, kPacketRays>& at, std::size_t count, Packet& packet) {
     packet.in.resize(volumes.size());
     packet.first = std::numeric_limits<std::int64_t>::max();
     std::array<Ray, kPacketRays> rays;
-    std::vector<std::array<VolumeCaster::Progress, kPacketRays>> progress(volumes.size());
+    auto& progress = packet.progress;
+    progress.resize(volumes.size());
     for (std::size_t r = 0; r < count; ++r) {
         rays[r] = camera.ray(at[r].x, at[r].y);
         for (std::size_t v = 0; v < volumes.size(); ++v) {
@@ -697,14 +768,23 @@ void make_packet(const Camera& camera, const std::vector<const FastVolume*>& vol
             in.d[a].fill(0);
         }
     }
+    for (std::size_t r = 0; r < count; ++r) {
+        packet.dt_exact[r] = step / length(rays[r].direction);
+        if (packet.has_layers && !packet.layers[r].empty())
+            packet.first = std::min(
+                packet.first,
+                static_cast<std::int64_t>(std::floor(packet.layers[r].front().t / packet.dt_exact[r])));
+    }
     if (packet.first == std::numeric_limits<std::int64_t>::max()) return;
     const auto first = static_cast<double>(packet.first);
     for (std::size_t r = 0; r < count; ++r) {
+        if (packet.has_layers && !packet.layers[r].empty())
+            packet.last[r] = static_cast<float>(packet.layers[r].back().t / packet.dt_exact[r] - first) + 1;
         const Vec3 viewer = -normalize(rays[r].direction);
-        for (std::size_t a = 0; a < 3; ++a) packet.to_viewer[a][r] = static_cast<float>(viewer[static_cast<int>(a)]);
+        for (std::size_t a = 0; a < 3; ++a)
+            packet.to_viewer[a][r] = static_cast<float>(viewer[static_cast<int>(a)]);
         for (std::size_t v = 0; v < volumes.size(); ++v) {
             const VolumeCaster::Progress& p = progress[v][r];
-            packet.dt_exact[r] = p.dt;
             packet.z[r] = static_cast<float>(first * p.dt);
             packet.dt[r] = static_cast<float>(p.dt);
             if (p.done()) continue;
@@ -728,13 +808,16 @@ void make_packet(const Camera& camera, const std::vector<const FastVolume*>& vol
 
 struct FastVolumeCaster::Parts {
     const Camera* camera;
+    double step;
     std::unique_ptr<FastVolume> fast;
     std::unique_ptr<VolumeCaster> plain;
 };
 
-FastVolumeCaster::FastVolumeCaster(const PreparedScene& scene, const VolumeObject& volume, const CastSettings& settings)
+FastVolumeCaster::FastVolumeCaster(const PreparedScene& scene, const VolumeObject& volume,
+                                   const CastSettings& settings)
     : parts_(std::make_unique<Parts>()) {
     parts_->camera = &scene.camera;
+    parts_->step = settings.step;
     const bool fits = scene.camera.far() / settings.step < kMostSteps || volume.bounds().empty() ||
                       length(volume.bounds().size()) / settings.step < kMostSteps;
     if (PackedVolume::takes(volume) && fits)
@@ -770,7 +853,7 @@ void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) c
         return;
     }
     static thread_local Packet packet;
-    make_packet(camera, {parts_->fast.get()}, at, count, packet);
+    make_packet(camera, parts_->step, {parts_->fast.get()}, at, count, packet);
     HWY_DYNAMIC_DISPATCH(cast_slabs)(*parts_->fast, packet, {SlabMixing::average, true, 1 - opaque_at}, out);
     // Rays were packed; put them where their pixels are, from the last on.
     for (std::size_t r = count; r-- > 0;)
@@ -779,21 +862,25 @@ void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) c
 
 // ---- All volumes ------------------------------------------------------------------------------
 
-Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& settings, MultiVolumeStats& stats,
-                        const std::function<void(double)>& progress) {
+Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& settings,
+                        MultiVolumeStats& stats, const std::function<void(double)>& progress,
+                        const FindSurfaces& surfaces) {
     const CastSettings cast{.step = common_step(scene, settings.step), .skip = settings.skip};
-    bool all = scene.objects.empty() && cast.step > 0;
-    double reach = 0;
+    bool all = true;
+    double reach = scene.camera.far() - scene.camera.near();
+    std::size_t count = 0;
     for (const VolumeObject& volume : scene.volumes) {
         if (volume.bounds().empty()) continue;
         all = all && PackedVolume::takes(volume);
         reach += length(volume.bounds().size());
+        ++count;
     }
-    if (!all || scene.volumes.size() > kMostVolumes || reach / cast.step > kMostSteps) return cast_volumes(scene, settings, stats, progress);
+    if (!all || count > kMostVolumes || reach / cast.step > kMostSteps)
+        return cast_volumes(scene, settings, stats, progress, surfaces);
 
     Stopwatch watch;
     std::vector<FastVolume> volumes;
-    volumes.reserve(scene.volumes.size());
+    volumes.reserve(count);
     std::vector<const FastVolume*> pointers;
     for (const VolumeObject& volume : scene.volumes)
         if (!volume.bounds().empty()) {
@@ -801,62 +888,82 @@ Image cast_volumes_fast(const PreparedScene& scene, const MultiVolumeSettings& s
             pointers.push_back(&volumes.back());
             stats.bytes += static_cast<std::int64_t>(volumes.back().packed.bytes());
         }
-    stats.prepare_s = watch.lap();
+    const LayersOfRay layers_of_ray(scene, cast);
+    stats.bytes += static_cast<std::int64_t>(layers_of_ray.bytes());
+    stats.prepare_s += watch.lap();
 
     const Camera& camera = scene.camera;
     Image image(camera.width(), camera.height());
     std::array<std::span<float>, 5> planes;
     const std::array<const char*, 5> names{"R", "G", "B", "A", "Z"};
     for (std::size_t i = 0; i < 5; ++i) planes[i] = image.add(names[i]);
+    const auto wide = [](int number) { return static_cast<std::size_t>(number); };
     const int n = settings.rays;
     const int columns = (camera.width() + kPacketSide - 1) / kPacketSide;
     const int rows = (camera.height() + kPacketSide - 1) / kPacketSide;
+    const int band = surfaces ? std::max(1, rows_of_band(camera, n) / kPacketSide) : std::max(1, rows);
     std::atomic<int> done{0};
-    parallel_for(static_cast<std::size_t>(rows), 1, [&](std::size_t begin, std::size_t end) {
-        Packet packet;
-        PacketSums sums;
-        for (std::size_t row = begin; row < end; ++row) {
-            for (int column = 0; column < columns; ++column) {
-                std::array<Vec2, kPacketRays> at;
-                std::array<std::size_t, kPacketRays> pixel{};
-                std::size_t count = 0;
-                for (int i = 0; i < static_cast<int>(kPacketRays); ++i) {
-                    const int x = column * kPacketSide + i % kPacketSide;
-                    const int y = static_cast<int>(row) * kPacketSide + i / kPacketSide;
-                    if (x >= camera.width() || y >= camera.height()) continue;
-                    pixel[count] = static_cast<std::size_t>(y) * static_cast<std::size_t>(camera.width()) +
-                                   static_cast<std::size_t>(x);
-                    at[count++] = {x, y};
-                }
-                std::array<std::array<double, 5>, kPacketRays> total{};
-                for (auto& t : total) t[4] = kInfinity;
-                for (int part = 0; part < n * n; ++part) {
-                    std::array<Vec2, kPacketRays> places = at;
-                    for (Vec2& p : places) p += Vec2((part % n + 0.5) / n, (part / n + 0.5) / n);
-                    make_packet(camera, pointers, places, count, packet);
-                    HWY_DYNAMIC_DISPATCH(cast_sums)
-                    (volumes, packet, {settings.mixing, settings.skip, 1 - settings.opaque_at}, sums);
-                    for (std::size_t r = 0; r < count; ++r) {
-                        for (std::size_t c = 0; c < 3; ++c) total[r][c] += static_cast<double>(sums.color[c][r]);
-                        total[r][3] += static_cast<double>(sums.clear[r]);
-                        if (sums.clear[r] < 1)
-                            total[r][4] = std::min(total[r][4], (static_cast<double>(packet.first) +
-                                                                 static_cast<double>(sums.u[r])) *
-                                                                    packet.dt_exact[r]);
+    for (int first_row = 0; first_row < rows; first_row += band) {
+        const int y0 = first_row * kPacketSide;
+        const int end_row = std::min(first_row + band, rows);
+        const SurfaceLayers layers =
+            surfaces ? surfaces(y0, std::min(end_row * kPacketSide, camera.height())) : SurfaceLayers{};
+        stats.surfaces_s += watch.lap();
+        parallel_for(wide(end_row - first_row), 1, [&](std::size_t begin, std::size_t end) {
+            Packet packet;
+            packet.has_layers = static_cast<bool>(surfaces) || !layers_of_ray.none();
+            PacketSums sums;
+            for (std::size_t row = begin; row < end; ++row) {
+                for (int column = 0; column < columns; ++column) {
+                    std::array<glm::ivec2, kPacketRays> at{};
+                    std::size_t rays = 0;
+                    for (int i = 0; i < static_cast<int>(kPacketRays); ++i) {
+                        const glm::ivec2 p(column * kPacketSide + i % kPacketSide,
+                                           y0 + static_cast<int>(row) * kPacketSide + i / kPacketSide);
+                        if (p.x < camera.width() && p.y < camera.height()) at[rays++] = p;
+                    }
+                    std::array<std::array<double, 5>, kPacketRays> total{};
+                    for (auto& t : total) t[4] = kInfinity;
+                    for (int part = 0; part < n * n; ++part) {
+                        const int i = part % n, j = part / n;
+                        std::array<Vec2, kPacketRays> places;
+                        for (std::size_t r = 0; r < rays; ++r) {
+                            places[r] = {at[r].x + (i + 0.5) / n, at[r].y + (j + 0.5) / n};
+                            if (!packet.has_layers) continue;
+                            const std::size_t number =
+                                (wide(at[r].y - y0) * wide(n) + wide(j)) * wide(camera.width()) * wide(n) +
+                                wide(at[r].x) * wide(n) + wide(i);
+                            layers_of_ray.find(camera.ray(places[r].x, places[r].y), layers.of(number),
+                                               settings.mixing, packet.layers[r]);
+                        }
+                        make_packet(camera, cast.step, pointers, places, rays, packet);
+                        HWY_DYNAMIC_DISPATCH(cast_sums)
+                        (volumes, packet, {settings.mixing, settings.skip, 1 - settings.opaque_at}, sums);
+                        for (std::size_t r = 0; r < rays; ++r) {
+                            for (std::size_t c = 0; c < 3; ++c)
+                                total[r][c] += static_cast<double>(sums.color[c][r]);
+                            total[r][3] += static_cast<double>(sums.clear[r]);
+                            if (sums.clear[r] < 1)
+                                total[r][4] = std::min(total[r][4], (static_cast<double>(packet.first) +
+                                                                     static_cast<double>(sums.u[r])) *
+                                                                        packet.dt_exact[r]);
+                        }
+                    }
+                    const double share = 1.0 / (n * n);
+                    for (std::size_t r = 0; r < rays; ++r) {
+                        const std::size_t pixel = wide(at[r].y) * wide(camera.width()) + wide(at[r].x);
+                        for (std::size_t c = 0; c < 3; ++c)
+                            planes[c][pixel] = static_cast<float>(share * total[r][c]);
+                        planes[3][pixel] = static_cast<float>(1 - share * total[r][3]);
+                        planes[4][pixel] = static_cast<float>(total[r][4]);
                     }
                 }
-                const double share = 1.0 / (n * n);
-                for (std::size_t r = 0; r < count; ++r) {
-                    for (std::size_t c = 0; c < 3; ++c) planes[c][pixel[r]] = static_cast<float>(share * total[r][c]);
-                    planes[3][pixel[r]] = static_cast<float>(1 - share * total[r][3]);
-                    planes[4][pixel[r]] = static_cast<float>(total[r][4]);
-                }
+                progress(++done / static_cast<double>(rows));
             }
-            progress(++done / static_cast<double>(rows));
-        }
-    });
+        });
+        stats.cast_s += watch.lap();
+    }
     stats.rays += image.pixel_count() * static_cast<std::uint64_t>(n * n);
-    stats.cast_s = watch.lap();
     return image;
 }
 

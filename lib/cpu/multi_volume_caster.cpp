@@ -25,40 +25,28 @@ struct Gathered {
     }
 };
 
-struct Casters {
-    std::vector<VolumeCaster> volumes;
-    std::vector<IsosurfaceCaster> surfaces;
-
-    Casters(const PreparedScene& scene, const CastSettings& settings) {
-        if (!(settings.step > 0)) return;
-        for (const VolumeObject& volume : scene.volumes)
-            if (!volume.bounds().empty()) volumes.emplace_back(scene, volume, settings);
-        for (const Object& object : scene.objects) surfaces.emplace_back(scene, object, settings);
-    }
-    [[nodiscard]] std::int64_t bytes() const {
-        std::size_t sum = 0;
-        for (const VolumeCaster& v : volumes) sum += v.bytes();
-        for (const IsosurfaceCaster& s : surfaces) sum += s.bytes();
-        return static_cast<std::int64_t>(sum);
-    }
-};
+[[nodiscard]] std::vector<VolumeCaster> make_casters(const PreparedScene& scene,
+                                                     const CastSettings& settings) {
+    std::vector<VolumeCaster> casters;
+    for (const VolumeObject& volume : scene.volumes)
+        if (!volume.bounds().empty()) casters.emplace_back(scene, volume, settings);
+    return casters;
+}
 
 /// One ray after the other; one a thread.
 class MultiVolumeRay {
 public:
-    MultiVolumeRay(const Casters& casters, const MultiVolumeSettings& settings)
-        : casters_(&casters), settings_(settings) {}
+    MultiVolumeRay(const std::vector<VolumeCaster>& casters, const LayersOfRay& layers,
+                   const MultiVolumeSettings& settings)
+        : casters_(&casters), layers_of_ray_(&layers), settings_(settings) {}
 
-    [[nodiscard]] Gathered cast(const Ray& ray) {
+    [[nodiscard]] Gathered cast(const Ray& ray, std::span<const twin::Slab> others) {
         walks_.clear();
-        surfaces_.clear();
-        for (const VolumeCaster& volume : casters_->volumes)
+        for (const VolumeCaster& volume : *casters_)
             if (auto p = volume.start(ray); !p.done()) walks_.push_back({&volume, p});
-        for (const IsosurfaceCaster& surface : casters_->surfaces) surface.crossings(ray, surfaces_);
-        std::ranges::stable_sort(surfaces_, {}, &IsosurfaceCaster::Crossing::t);
-
+        layers_of_ray_->find(ray, others, settings_.mixing, layers_);
         Gathered sum;
-        std::size_t surface = 0;
+        std::size_t layer = 0;
         const double least_clear = 1 - static_cast<double>(settings_.opaque_at);
         while (sum.clear > least_clear) {
             if (settings_.skip)
@@ -67,15 +55,15 @@ public:
             // The next of all steps.
             std::int64_t k = std::numeric_limits<std::int64_t>::max();
             for (const Walk& walk : walks_) k = std::min(k, walk.progress.k);
-            const double end = walks_.empty() ? kInfinity : static_cast<double>(k + 1) * walks_.front().progress.dt;
-            const double begin = walks_.empty() ? kInfinity : static_cast<double>(k) * walks_.front().progress.dt;
-            if (surface < surfaces_.size() && surfaces_[surface].t < end) {
-                // Surfaces in front of the step or in it cut it; what shares a depth is mixed.
-                const double t = surfaces_[surface].t;
+            const double end =
+                walks_.empty() ? kInfinity : static_cast<double>(k + 1) * walks_.front().progress.dt;
+            const double begin =
+                walks_.empty() ? kInfinity : static_cast<double>(k) * walks_.front().progress.dt;
+            if (layer < layers_.size() && layers_[layer].t < end) {
+                // Surfaces in front of the step or in it cut it.
+                const double t = layers_[layer].t;
                 if (t > begin) step_to(k, t, false, sum);
-                slabs_.clear();
-                for (; surface < surfaces_.size() && surfaces_[surface].t == t; ++surface)
-                    slabs_.push_back(IsosurfaceCaster::virtual_slab(surfaces_[surface], 0, 0));
+                slabs_.assign(1, layers_[layer++].slab);
                 add_mixed(t, sum);
                 continue;
             }
@@ -119,10 +107,11 @@ private:
                 {static_cast<double>(mixed.r), static_cast<double>(mixed.g), static_cast<double>(mixed.b)});
     }
 
-    const Casters* casters_;
+    const std::vector<VolumeCaster>* casters_;
+    const LayersOfRay* layers_of_ray_;
     MultiVolumeSettings settings_;
     std::vector<Walk> walks_;
-    std::vector<IsosurfaceCaster::Crossing> surfaces_;
+    std::vector<DepthLayer> layers_;
     std::vector<twin::Slab> slabs_;
 };
 
@@ -135,7 +124,8 @@ double common_step(const PreparedScene& scene, double step_in_voxels) {
     for (const Object& object : scene.objects)
         if (IsosurfaceCaster::casts(object))
             pitch = std::min(pitch, voxel_pitch(object.geometry->field_surface()->to_world));
-    return pitch < kInfinity ? step_in_voxels * pitch : 0;
+    if (pitch < kInfinity) return step_in_voxels * pitch;
+    return std::max(scene.camera.far() - scene.camera.near(), 1e-100);
 }
 
 twin::Slab mix_shared(std::span<const twin::Slab> slabs, SlabMixing mixing) {
@@ -167,10 +157,12 @@ twin::Slab mix_shared(std::span<const twin::Slab> slabs, SlabMixing mixing) {
         mixed.d = std::max(mixed.z, slab.z) - std::min(mixed.z - mixed.d, slab.z - slab.d);
         mixed.z = std::max(mixed.z, slab.z);
     }
-    if (mixing == SlabMixing::normalised) color = opacities > 0 ? opacity / opacities * sum : Vec3(0.0);  // (4.3)
+    if (mixing == SlabMixing::normalised)
+        color = opacities > 0 ? opacity / opacities * sum : Vec3(0.0);  // (4.3)
     if (mixing == SlabMixing::extinction)
-        color = solids > 0 ? solid / static_cast<double>(solids)
-                           : depths > 0 ? opacity / depths * weighted : Vec3(0.0);
+        color = solids > 0   ? solid / static_cast<double>(solids)
+                : depths > 0 ? opacity / depths * weighted
+                             : Vec3(0.0);
     mixed.r = static_cast<float>(color.x);
     mixed.g = static_cast<float>(color.y);
     mixed.b = static_cast<float>(color.z);
@@ -178,46 +170,99 @@ twin::Slab mix_shared(std::span<const twin::Slab> slabs, SlabMixing mixing) {
     return mixed;
 }
 
+LayersOfRay::LayersOfRay(const PreparedScene& scene, const CastSettings& settings) {
+    for (const Object& object : scene.objects)
+        if (IsosurfaceCaster::casts(object)) isosurfaces_.emplace_back(scene, object, settings);
+}
+
+std::size_t LayersOfRay::bytes() const {
+    std::size_t sum = 0;
+    for (const IsosurfaceCaster& surface : isosurfaces_) sum += surface.bytes();
+    return sum;
+}
+
+void LayersOfRay::find(const Ray& ray, std::span<const twin::Slab> others, SlabMixing mixing,
+                       std::vector<DepthLayer>& out) const {
+    out.clear();
+    for (const twin::Slab& slab : others) out.push_back({static_cast<double>(slab.z), slab});
+    if (!isosurfaces_.empty()) {
+        std::vector<IsosurfaceCaster::Crossing> found;
+        for (const IsosurfaceCaster& surface : isosurfaces_) surface.crossings(ray, found);
+        for (const IsosurfaceCaster::Crossing& c : found)
+            out.push_back({c.t, IsosurfaceCaster::virtual_slab(c, 0, 0)});
+        std::ranges::stable_sort(out, {}, &DepthLayer::t);
+    }
+    // One layer a depth.
+    std::vector<twin::Slab> same;
+    std::size_t kept = 0;
+    for (std::size_t i = 0; i < out.size();) {
+        same.clear();
+        const double t = out[i].t;
+        for (; i < out.size() && out[i].t == t; ++i) same.push_back(out[i].slab);
+        out[kept++] = {t, same.size() == 1 ? same.front() : mix_shared(same, mixing)};
+    }
+    out.resize(kept);
+}
+
+int rows_of_band(const Camera& camera, int rays) {
+    constexpr double kMostRays = 1 << 21;
+    return std::max(1, static_cast<int>(kMostRays / (static_cast<double>(camera.width()) * rays * rays)));
+}
+
 Image cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settings, MultiVolumeStats& stats,
-                   const std::function<void(double)>& progress) {
+                   const std::function<void(double)>& progress, const FindSurfaces& surfaces) {
     Stopwatch watch;
-    const Casters casters(scene, {.step = common_step(scene, settings.step), .skip = settings.skip});
-    stats.prepare_s = watch.lap();
-    stats.bytes = casters.bytes();
+    const CastSettings cast{.step = common_step(scene, settings.step), .skip = settings.skip};
+    const std::vector<VolumeCaster> casters = make_casters(scene, cast);
+    const LayersOfRay layers_of_ray(scene, cast);
+    for (const VolumeCaster& caster : casters) stats.bytes += static_cast<std::int64_t>(caster.bytes());
+    stats.bytes += static_cast<std::int64_t>(layers_of_ray.bytes());
+    stats.prepare_s += watch.lap();
 
     const Camera& camera = scene.camera;
+    const int n = settings.rays;
     Image image(camera.width(), camera.height());
     std::array<std::span<float>, 5> planes;
     const std::array<const char*, 5> names{"R", "G", "B", "A", "Z"};
     for (std::size_t i = 0; i < 5; ++i) planes[i] = image.add(names[i]);
-    std::atomic<int> rows{0};
-    parallel_for(static_cast<std::size_t>(camera.height()), 1, [&](std::size_t begin, std::size_t end) {
-        MultiVolumeRay ray(casters, settings);
-        for (std::size_t y = begin; y < end; ++y) {
-            for (int x = 0; x < camera.width(); ++x) {
-                Vec3 color(0.0);
-                double clear = 0;
-                double z = kInfinity;
-                for (int part = 0; part < settings.rays * settings.rays; ++part) {
-                    const double dx = (part % settings.rays + 0.5) / settings.rays;
-                    const double dy = (part / settings.rays + 0.5) / settings.rays;
-                    const Gathered sum = ray.cast(camera.ray(x + dx, static_cast<double>(y) + dy));
-                    color += sum.color;
-                    clear += sum.clear;
-                    z = std::min(z, sum.z);
+    const auto wide = [](int number) { return static_cast<std::size_t>(number); };
+    std::atomic<int> done{0};
+    const int band = surfaces ? rows_of_band(camera, n) : std::max(1, camera.height());
+    for (int y0 = 0; y0 < camera.height(); y0 += band) {
+        const int y1 = std::min(y0 + band, camera.height());
+        const SurfaceLayers layers = surfaces ? surfaces(y0, y1) : SurfaceLayers{};
+        stats.surfaces_s += watch.lap();
+        parallel_for(wide(y1 - y0), 1, [&](std::size_t begin, std::size_t end) {
+            MultiVolumeRay ray(casters, layers_of_ray, settings);
+            for (std::size_t row = begin; row < end; ++row) {
+                const int y = y0 + static_cast<int>(row);
+                for (int x = 0; x < camera.width(); ++x) {
+                    Vec3 color(0.0);
+                    double clear = 0;
+                    double z = kInfinity;
+                    for (int part = 0; part < n * n; ++part) {
+                        const int i = part % n, j = part / n;
+                        const std::size_t number =
+                            (row * wide(n) + wide(j)) * wide(camera.width()) * wide(n) + wide(x) * wide(n) +
+                            wide(i);
+                        const Gathered sum =
+                            ray.cast(camera.ray(x + (i + 0.5) / n, y + (j + 0.5) / n), layers.of(number));
+                        color += sum.color;
+                        clear += sum.clear;
+                        z = std::min(z, sum.z);
+                    }
+                    const double share = 1.0 / (n * n);
+                    const std::size_t pixel = wide(y) * wide(camera.width()) + wide(x);
+                    for (int c = 0; c < 3; ++c) planes[wide(c)][pixel] = static_cast<float>(share * color[c]);
+                    planes[3][pixel] = static_cast<float>(1 - share * clear);
+                    planes[4][pixel] = static_cast<float>(z);
                 }
-                const double share = 1.0 / (settings.rays * settings.rays);
-                const std::size_t pixel = y * static_cast<std::size_t>(camera.width()) + static_cast<std::size_t>(x);
-                for (int c = 0; c < 3; ++c)
-                    planes[static_cast<std::size_t>(c)][pixel] = static_cast<float>(share * color[c]);
-                planes[3][pixel] = static_cast<float>(1 - share * clear);
-                planes[4][pixel] = static_cast<float>(z);
+                progress(++done / static_cast<double>(camera.height()));
             }
-            progress(++rows / static_cast<double>(camera.height()));
-        }
-    });
-    stats.rays += image.pixel_count() * static_cast<std::uint64_t>(settings.rays * settings.rays);
-    stats.cast_s = watch.lap();
+        });
+        stats.cast_s += watch.lap();
+    }
+    stats.rays += image.pixel_count() * static_cast<std::uint64_t>(n * n);
     return image;
 }
 

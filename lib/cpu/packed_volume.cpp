@@ -57,24 +57,26 @@ struct Integers {
 template <class Sample>
 void fill_bricks(const VoxelGrid& grid, float least, const std::array<int, 3>& count, std::size_t brick_bytes,
                  std::vector<std::uint8_t>& out) {
-    parallel_for(wide(count[0]) * wide(count[1]) * wide(count[2]), 16, [&](std::size_t begin, std::size_t end) {
-        for (std::size_t b = begin; b < end; ++b) {
-            const std::array<int, 3> first{kBrick * static_cast<int>(b % wide(count[0])),
-                                           kBrick * static_cast<int>(b / wide(count[0]) % wide(count[1])),
-                                           kBrick * static_cast<int>(b / wide(count[0]) / wide(count[1]))};
-            std::uint8_t* to = out.data() + b * brick_bytes;
-            for (int k = 0; k < kSide; ++k)
-                for (int j = 0; j < kSide; ++j) {
-                    const int y = std::min(first[1] + j, grid.size[1] - 1);
-                    const int z = std::min(first[2] + k, grid.size[2] - 1);
-                    for (int i = 0; i < kSide; ++i, to += sizeof(Sample)) {
-                        const auto v =
-                            static_cast<Sample>(grid.at(std::min(first[0] + i, grid.size[0] - 1), y, z) - least);
-                        std::memcpy(to, &v, sizeof(Sample));
-                    }
-                }
-        }
-    });
+    parallel_for(wide(count[0]) * wide(count[1]) * wide(count[2]), 16,
+                 [&](std::size_t begin, std::size_t end) {
+                     for (std::size_t b = begin; b < end; ++b) {
+                         const std::array<int, 3> first{
+                             kBrick * static_cast<int>(b % wide(count[0])),
+                             kBrick * static_cast<int>(b / wide(count[0]) % wide(count[1])),
+                             kBrick * static_cast<int>(b / wide(count[0]) / wide(count[1]))};
+                         std::uint8_t* to = out.data() + b * brick_bytes;
+                         for (int k = 0; k < kSide; ++k)
+                             for (int j = 0; j < kSide; ++j) {
+                                 const int y = std::min(first[1] + j, grid.size[1] - 1);
+                                 const int z = std::min(first[2] + k, grid.size[2] - 1);
+                                 for (int i = 0; i < kSide; ++i, to += sizeof(Sample)) {
+                                     const auto v = static_cast<Sample>(
+                                         grid.at(std::min(first[0] + i, grid.size[0] - 1), y, z) - least);
+                                     std::memcpy(to, &v, sizeof(Sample));
+                                 }
+                             }
+                     }
+                 });
 }
 
 [[nodiscard]] PackedTransfer pack(const TransferFunction& f, double offset) {
@@ -83,8 +85,8 @@ void fill_bricks(const VoxelGrid& grid, float least, const std::array<int, 3>& c
     const auto kinks = f.kinks();
     t.count = static_cast<std::uint32_t>(pieces.size());
     const std::size_t room = std::max(pieces.size(), kMostLanes) + kMostLanes;
-    for (auto* column : {&t.begin, &t.end, &t.base, &t.opacity, &t.opacity_slope, &t.color[0], &t.color[1], &t.color[2],
-                         &t.color_slope[0], &t.color_slope[1], &t.color_slope[2]})
+    for (auto* column : {&t.begin, &t.end, &t.base, &t.opacity, &t.opacity_slope, &t.color[0], &t.color[1],
+                         &t.color[2], &t.color_slope[0], &t.color_slope[1], &t.color_slope[2]})
         column->resize(room, 0.0F);
     constexpr float kFar = std::numeric_limits<float>::infinity();
     for (std::size_t k = 0; k < pieces.size(); ++k) {
@@ -98,7 +100,8 @@ void fill_bricks(const VoxelGrid& grid, float least, const std::array<int, 3>& c
             t.color[static_cast<std::size_t>(c)][k] = static_cast<float>(p.color[c]);
             t.color_slope[static_cast<std::size_t>(c)][k] = static_cast<float>(p.color_slope[c]);
         }
-        t.ever_opaque = t.ever_opaque || p.opacity >= 1 || (k < kinks.size() && p.opacity_at(kinks[k]) >= 1 - 1e-7);
+        t.ever_opaque =
+            t.ever_opaque || p.opacity >= 1 || (k < kinks.size() && p.opacity_at(kinks[k]) >= 1 - 1e-7);
     }
     return t;
 }
@@ -109,13 +112,27 @@ bool PackedVolume::takes(const VolumeObject& volume) {
     constexpr double kMostBytes = 2.0e9;
     double samples = 1;
     for (const int n : volume.field().grid().size) samples *= n + kBrick;
-    return volume.settings().interpolation == Interpolation::trilinear && !volume.bounds().empty() &&
+    // Numbers that float32 has, with room for their products.
+    constexpr double kLargest = 1e15, kSteepest = 1e15, kGentlest = 1e-25;
+    const auto fits = [&](double slope) {
+        return slope == 0 || (std::abs(slope) < kSteepest && std::abs(slope) > kGentlest);
+    };
+    bool tame = std::ranges::all_of(volume.transfer().kinks(), [&](double k) { return std::abs(k) < kLargest; });
+    for (const TransferFunction::Piece& piece : volume.transfer().pieces()) {
+        tame = tame && fits(piece.opacity_slope);
+        for (int c = 0; c < 3; ++c) tame = tame && fits(piece.color_slope[c]);
+    }
+    return tame && volume.settings().interpolation == Interpolation::trilinear && !volume.bounds().empty() &&
            4 * samples < kMostBytes;
 }
 
 PackedVolume::PackedVolume(const VolumeObject& volume, bool skip) : object(&volume), kind(Kind::floats) {
     assert(takes(volume));
     const VoxelGrid& grid = volume.field().grid();
+    for (std::size_t a = 0; a < 3; ++a) {
+        last[a] = static_cast<float>(grid.size[a] - 1);
+        last_cell[a] = grid.size[a] - 2;
+    }
     const Integers whole = find_integers(grid);
     const float span = whole.most - whole.least;
     if (span >= 0 && span <= 65535) {
@@ -134,9 +151,11 @@ PackedVolume::PackedVolume(const VolumeObject& volume, bool skip) : object(&volu
         }
         bricks.resize(static_cast<std::size_t>(stride));
         if (kind == Kind::bytes)
-            fill_bricks<std::uint8_t>(grid, whole.least, count, static_cast<std::size_t>(brick_bytes), bricks);
+            fill_bricks<std::uint8_t>(grid, whole.least, count, static_cast<std::size_t>(brick_bytes),
+                                      bricks);
         else
-            fill_bricks<std::uint16_t>(grid, whole.least, count, static_cast<std::size_t>(brick_bytes), bricks);
+            fill_bricks<std::uint16_t>(grid, whole.least, count, static_cast<std::size_t>(brick_bytes),
+                                       bricks);
         data = bricks.data();
     } else {
         step = {4, 4 * grid.size[0], 4 * grid.size[0] * grid.size[1]};

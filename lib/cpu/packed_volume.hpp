@@ -1,7 +1,7 @@
 // A volume and its transfer function as the fast caster reads them.
 //
-// Integers of 8 or 16 bits stand in bricks of 8³ cells with an apron, 9³ samples, so that the two neighbours along
-// x come in one load and memory is read alike from every direction; float32 stays as it is.
+// Integers of 8 or 16 bits stand in bricks of 8³ cells with an apron, 9³ samples, so that the two neighbours
+// along x come in one load and memory is read alike from every direction; float32 stays as it is.
 #pragma once
 
 #include <array>
@@ -17,7 +17,7 @@ namespace pellucid {
 struct PackedTransfer {
     std::uint32_t count = 0;
     // Padded so that a whole vector can be read.
-    std::vector<float> begin, end;                  // of the piece; ∓infinity at its ends
+    std::vector<float> begin, end;                    // of the piece; ∓infinity at its ends
     std::vector<float> base, opacity, opacity_slope;  // opacity + (value − base)·slope
     std::array<std::vector<float>, 3> color, color_slope;
     bool ever_opaque = false;  // somewhere opacity is 1
@@ -26,17 +26,21 @@ struct PackedTransfer {
 struct PackedVolume {
     enum class Kind : std::uint8_t { bytes, words, floats };
 
-    /// Trilinear, with less than 2^31 bytes.
+    /// Trilinear, with less than 2 GB, and a transfer function whose values and slopes are no extremes.
     [[nodiscard]] static bool takes(const VolumeObject& volume);
     /// The object must outlive it. Precondition: takes(volume).
     PackedVolume(const VolumeObject& volume, bool skip);
 
+    /// Of what stands beside the object's own samples, distances aside.
+    static constexpr std::int64_t most_bytes_a_block = 1472;
     [[nodiscard]] std::size_t bytes() const { return bricks.size() + space.bytes(); }
 
     const VolumeObject* object;
     Kind kind;
     /// Bytes: of cell (i, j, k), sample (0, 0, 0): in bricks i·step + (i/8)·jump for each axis, summed.
     std::array<std::int32_t, 3> step{}, jump{};
+    std::array<float, 3> last{};  // sample along each axis
+    std::array<std::int32_t, 3> last_cell{};
     std::vector<std::uint8_t> bricks;  // empty for floats
     const std::uint8_t* data;          // bricks, or the object's own samples
     double offset = 0;                 // value = offset + what is stored

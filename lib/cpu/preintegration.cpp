@@ -14,7 +14,8 @@ struct Moments {
 
 /// With the middle m of 1 − α and 1 − α = m·(1 + r·s), s in [−1, 1]: λ = −ln m − ln(1 + r·s).
 [[nodiscard]] Moments moments_of(double a0, double a1) {
-    constexpr double kSeries = 0.05;  // the first terms left out: r^10/110 and 2·r^9/99, below double's rounding
+    constexpr double kSeries =
+        0.05;  // the first terms left out: r^10/110 and 2·r^9/99, below double's rounding
     const double middle = -std::log1p(-0.5 * (a0 + a1));
     const double r = (a0 - a1) / (2 - a0 - a1);
     const double r2 = r * r;
@@ -59,11 +60,11 @@ void add_piece(const TransferFunction::Piece& piece, double from, double to, dou
     const double depth = whole.mean * steps;
     if (!(depth > 0)) return;
     if (most == 0) return sum.add(depth, c0);
-    // Colour linear in optical depth is a model where opacity changes as well: its error falls with the square of
-    // the number of parts.
+    // Colour linear in optical depth is a model where opacity changes as well: its error falls with the
+    // square of the number of parts.
     constexpr double kMostParts = 64;
-    const int parts = a0 == a1 ? 1
-                               : static_cast<int>(std::clamp(std::ceil(6 * std::sqrt(depth * most)), 1.0, kMostParts));
+    const int parts =
+        a0 == a1 ? 1 : static_cast<int>(std::clamp(std::ceil(6 * std::sqrt(depth * most)), 1.0, kMostParts));
     for (int i = 0; i < parts; ++i) {
         const double u0 = static_cast<double>(i) / parts, u1 = (i + 1.0) / parts;
         const Moments m = parts == 1 ? whole : moments_of(a0 + u0 * (a1 - a0), a0 + u1 * (a1 - a0));

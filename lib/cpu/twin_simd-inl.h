@@ -1,5 +1,5 @@
-// SIMD of kernel/math_twin.h, normal_twin.h and shading_twin.h: the same operations in the same order, so the same
-// bits. What drawing particles and casting rays share.
+// SIMD of kernel/math_twin.h, normal_twin.h and shading_twin.h: the same operations in the same order, so the
+// same bits. What drawing particles and casting rays share.
 //
 // A Highway header: it may be included once for every target.
 #if defined(PELLUCID_CPU_TWIN_SIMD_INL) == defined(HWY_TARGET_TOGGLE)
@@ -23,10 +23,14 @@ using I = hn::RebindToSigned<F>;
 
 using V = hn::Vec<F>;
 
-[[nodiscard]] HWY_INLINE V set(float value) { return hn::Set(F(), value); }
+[[nodiscard]] HWY_INLINE V set(float value) {
+    return hn::Set(F(), value);
+}
 
 /// a + b·c: two roundings, as in the twins.
-[[nodiscard]] HWY_INLINE V add_product(V a, V b, V c) { return hn::Add(a, hn::Mul(b, c)); }
+[[nodiscard]] HWY_INLINE V add_product(V a, V b, V c) {
+    return hn::Add(a, hn::Mul(b, c));
+}
 
 struct V3 {
     V x, y, z;
@@ -82,7 +86,9 @@ struct V3 {
     return hn::IfThenElse(hn::Gt(x, set(0)), quick_exp2(exponent), set(y > 0 ? 0.0F : 1.0F));
 }
 
-[[nodiscard]] HWY_INLINE V with_sign_of(V size, V sign) { return hn::Or(size, hn::And(sign, set(-0.0F))); }
+[[nodiscard]] HWY_INLINE V with_sign_of(V size, V sign) {
+    return hn::Or(size, hn::And(sign, set(-0.0F)));
+}
 
 [[nodiscard]] HWY_INLINE V3 scaled(const V3& v, V s) {
     return {hn::Mul(v.x, s), hn::Mul(v.y, s), hn::Mul(v.z, s)};

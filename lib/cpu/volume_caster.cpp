@@ -69,7 +69,8 @@ double voxel_pitch(const Affine& index_to_world) {
                      length(index_to_world.linear[2])});
 }
 
-VolumeCaster::VolumeCaster(const PreparedScene& scene, const VolumeObject& volume, const CastSettings& settings)
+VolumeCaster::VolumeCaster(const PreparedScene& scene, const VolumeObject& volume,
+                           const CastSettings& settings)
     : scene_(&scene), volume_(&volume), settings_(settings), last_(volume.field().hull().hi) {
     assert(settings.step > 0);
     if (settings.skip) space_ = find_empty_space(volume, kRoom);
@@ -171,7 +172,8 @@ bool IsosurfaceCaster::casts(const Object& object) {
     return surface && dynamic_cast<const IsoField*>(surface->field) != nullptr;
 }
 
-IsosurfaceCaster::IsosurfaceCaster(const PreparedScene& scene, const Object& object, const CastSettings& settings)
+IsosurfaceCaster::IsosurfaceCaster(const PreparedScene& scene, const Object& object,
+                                   const CastSettings& settings)
     : scene_(&scene), object_(&object), settings_(settings) {
     const FieldSurface surface = *object.geometry->field_surface();
     const auto& iso = dynamic_cast<const IsoField&>(*surface.field);
@@ -186,7 +188,8 @@ IsosurfaceCaster::IsosurfaceCaster(const PreparedScene& scene, const Object& obj
         if (samples != EmptySpace::Kind::clear) return samples;
         std::size_t brick = 0;
         for (std::size_t a = 3; a-- > 0;)
-            brick = brick * static_cast<std::size_t>((field_->cells()[a] + EmptySpace::kBlock - 1) / EmptySpace::kBlock) +
+            brick = brick * static_cast<std::size_t>((field_->cells()[a] + EmptySpace::kBlock - 1) /
+                                                     EmptySpace::kBlock) +
                     static_cast<std::size_t>(first[a] / EmptySpace::kBlock);
         return iso.brick_may_hold(brick) ? EmptySpace::Kind::visit : EmptySpace::Kind::clear;
     });

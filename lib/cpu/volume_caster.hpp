@@ -1,10 +1,11 @@
-// Volume stage of zSlabs: the ray of a pixel through one volume, or to one isosurface, as slabs from front to back.
-// zSlab dissertation, sections 5.2.4 and 6.1. The plain version, in double: the specification of the fast one
-// (cpu/fast_volume_caster.hpp).
+// Volume stage of zSlabs: the ray of a pixel through one volume, or to one isosurface, as slabs from front to
+// back. zSlab dissertation, sections 5.2.4 and 6.1. The plain version, in double: the specification of the
+// fast one (cpu/fast_volume_caster.hpp).
 //
-// All rays are sampled on a fixed grid: at depths t = k·dt, k whole, where dt along the view axis is one step along
-// the ray. So volumes with equal steps are sampled at the same places, and what is skipped moves no sample. Where a
-// ray enters and leaves (hull, clip planes, near and far) its steps are cut: the first and the last are shorter.
+// All rays are sampled on a fixed grid: at depths t = k·dt, k whole, where dt along the view axis is one step
+// along the ray. So volumes with equal steps are sampled at the same places, and what is skipped moves no
+// sample. Where a ray enters and leaves (hull, clip planes, near and far) its steps are cut: the first and
+// the last are shorter.
 #pragma once
 
 #include <concepts>
@@ -66,8 +67,8 @@ public:
     [[nodiscard]] Progress enter(const Ray& ray) const;
     /// What lies between the last place and t. Precondition: t_in <= progress.t < t <= t_out.
     [[nodiscard]] twin::Slab advance(Progress& progress, double t) const;
-    /// Goes over whole steps that surely show nothing; at the end where nothing comes any more. Leaves `progress` at
-    /// a sample. Nothing happens with skip = false.
+    /// Goes over whole steps that surely show nothing; at the end where nothing comes any more. Leaves
+    /// `progress` at a sample. Nothing happens with skip = false.
     void skip(Progress& progress) const;
     /// One step: to the next sample, or to the end.
     [[nodiscard]] twin::Slab step(Progress& progress) const;
@@ -100,8 +101,8 @@ private:
     EmptySpace space_;
 };
 
-/// Crossings of an isosurface (trilinear or Catmull-Rom): where samples on the fixed grid change sides, refined by
-/// ten bisections. Two crossings within a step are not seen.
+/// Crossings of an isosurface (trilinear or Catmull-Rom): where samples on the fixed grid change sides,
+/// refined by ten bisections. Two crossings within a step are not seen.
 class IsosurfaceCaster {
 public:
     /// Scene and object must outlive it. Precondition: casts(object).
@@ -118,8 +119,8 @@ public:
     /// Appends all crossings of a ray from front to back, at most until one has opacity 1.
     void crossings(const Ray& ray, std::vector<Crossing>& out) const;
 
-    /// Virtual slabs (zSlab, section 5.4), with depth `thickness` towards the viewer, less where the one before
-    /// or the eye is nearer.
+    /// Virtual slabs (zSlab, section 5.4), with depth `thickness` towards the viewer, less where the one
+    /// before or the eye is nearer.
     template <SlabSink Sink>
     void cast(const Ray& ray, double thickness, Sink& sink) const {
         std::vector<Crossing> found;
