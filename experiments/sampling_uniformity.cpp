@@ -26,6 +26,8 @@ struct Settings {
     int cells;
     std::vector<double> steps;
     std::vector<std::int64_t> walkers, thinning;
+    std::vector<std::string> thinned;
+    std::vector<double> thinned_steps;
 };
 
 Settings read_settings(const ConfigTable& t) {
@@ -42,7 +44,9 @@ Settings read_settings(const ConfigTable& t) {
                static_cast<int>(size("cells", 1, 16)),
                t.numbers("steps", kRequired, {.lo = 0, .hi = 1, .lo_open = true}),
                t.integers("walkers", kRequired, {1, kMostWalkers}),
-               t.integers("thinning", kRequired, {1, 1 << 20})};
+               t.integers("thinning", kRequired, {1, 1 << 20}),
+               t.texts("thinned", kRequired),
+               t.numbers("thinned_steps", kRequired, {.lo = 0, .hi = 1, .lo_open = true})};
     for (const std::string& name : s.samplers) (void)sampler_choice(name);
     return s;
 }
@@ -188,7 +192,7 @@ class WalkTable {
 public:
     explicit WalkTable(Experiment& ex)
         : csv_(ex.csv("walks", {"surface", "walk", "step", "walkers", "thinning", "drift", "points", "chi2", "dof",
-                                "density_deviation", "dispersion", "neighbour", "mean_cosine", "expected_cosine", "cosine_z",
+                                "density_deviation", "density_noise", "dispersion", "neighbour", "mean_cosine", "expected_cosine", "cosine_z",
                                 "radius_off", "at_borders", "lost", "sampling_s", "steps_per_s", "independent_per_s"})) {}
 
     void row(const std::string& surface, const Walk& w, const UniformityReport& r, const std::optional<StepTest>& t,
@@ -196,7 +200,7 @@ public:
         const auto of = [&](double StepTest::* value) { return t ? std::optional(*t.*value) : std::nullopt; };
         const auto steps = static_cast<double>(stats.steps);
         csv_.row(surface, w.name, *w.settings.step, *w.settings.walkers, w.settings.thinning, w.settings.drift ? 1 : 0, r.points,
-                 r.chi2, r.dof, r.density_deviation, r.dispersion, r.neighbour, of(&StepTest::cosine), of(&StepTest::expected),
+                 r.chi2, r.dof, r.density_deviation, r.density_noise, r.dispersion, r.neighbour, of(&StepTest::cosine), of(&StepTest::expected),
                  of(&StepTest::z), of(&StepTest::radius_z), static_cast<double>(stats.at_borders) / steps,
                  static_cast<double>(stats.lost) / steps, seconds, steps / seconds, r.points / seconds / std::max(r.dispersion, 1e-9));
     }
@@ -239,13 +243,51 @@ void measure_walks(Experiment& ex, const Case& c, const Settings& s, const std::
     }
 }
 
+/// What dx^(S) is for: walks so thin that little but their bias is left. Every particle of a repeat is another walker's, after
+/// kThinned steps from a uniform place. (A sphere says nothing: by its symmetry any walk is uniform there.)
+void measure_thinned(Experiment& ex, const Case& c, const Settings& s, WalkTable& table, double level,
+                     const std::function<void()>& step_done) {
+    constexpr std::uint32_t kThinned = 20;
+    /// RMS deviation of density at step 0.1 of the width: dx^(S) stays below, and it is not reached without.
+    constexpr double kJudgedStep = 0.1;
+    constexpr double kMost = 0.05;
+    const auto count = static_cast<std::uint32_t>(s.particles);
+    for (const double step : s.thinned_steps)
+        for (const bool drift : {true, false}) {
+            Walk w{drift ? "thinned" : "thinned, no drift", {}};
+            w.settings.step = step;
+            w.settings.walkers = count;
+            w.settings.thinning = kThinned;
+            w.settings.drift = drift;
+            const BrownianSource source(c.scene.objects[0], c.scene.camera, 0, w.settings);
+            PointSets sets(s.repeats);
+            Stopwatch watch;
+            parallel_for(sets.size(), 1, [&](std::size_t begin, std::size_t end) {
+                for (std::size_t i = begin; i < end; ++i)
+                    sets[i] = source.positions(derived_seed(ex.seed(), 500), static_cast<std::uint32_t>(i), count);
+            });
+            const double seconds = watch.lap();
+            const UniformityReport report = judge_uniformity(c.cells, sets, s.queries, c.neighbours);
+            table.row(c.name, w, report, {}, source.stats(), seconds);
+            step_done();
+            const std::string what = fmt::format("{}, step {}, every {}th position, ", c.name, step, kThinned);
+            if (step == kJudgedStep && drift) ex.check(what + "deviation of density", report.density_deviation, "<=", kMost);
+            if (step == kJudgedStep && !drift) {
+                ex.check("wrong twin: " + what + "without dx^(S): deviation of density", report.density_deviation, ">", kMost);
+                ex.check("wrong twin: " + what + "without dx^(S): chi2: p", report.p_value, "<", level);
+            }
+        }
+}
+
 void run(Experiment& ex) {
     const Settings s = ex.config(read_settings);
     const TemporaryFolder folder;
     Table table(ex);
     WalkTable walk_table(ex);
     const std::vector<Walk> walks = walks_of(s);
-    auto progress = ex.progress("samplers", s.surfaces.size() * (s.samplers.size() + 1 + walks.size()));
+    const auto thinned_here = [&](const std::string& name) { return std::ranges::find(s.thinned, name) != s.thinned.end(); };
+    const auto thinned = static_cast<std::size_t>(std::ranges::count_if(s.surfaces, thinned_here));
+    auto progress = ex.progress("samplers", s.surfaces.size() * (s.samplers.size() + 1 + walks.size()) + thinned * s.thinned_steps.size() * 2);
     // Three p-values a sampler and surface, one a walk.
     const double level =
         sidak_level(0.001, 3.0 * static_cast<double>(s.surfaces.size() * s.samplers.size()) + static_cast<double>(walks.size()));
@@ -282,6 +324,7 @@ void run(Experiment& ex) {
         }
         progress->step();
         measure_walks(ex, c, s, walks, walk_table, level, [&] { progress->step(); });
+        if (thinned_here(name)) measure_thinned(ex, c, s, walk_table, level, [&] { progress->step(); });
     }
 }
 

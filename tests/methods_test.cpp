@@ -39,5 +39,24 @@ TEST(Methods, WhatCannotBeDrawnIsRefusedByName) {
         }
 }
 
+TEST(Methods, StratifiedRefusesWhatItWouldIgnore) {
+    const PreparedScene scene = prepare(scene_from("image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n[[surface]]\nimplicit = \"sphere\"\n"));
+    const auto check = [&](const std::string& settings) {
+        const Config config = Config::parse("[particles]\n" + settings, "settings");
+        method_by_name("particles").check_settings({.scene = scene, .settings = config.root().table("particles"), .seed = {1}, .max_error = {}});
+    };
+    for (const std::string odd : {"count = \"binomial\"", "lines = \"fast\""}) {
+        EXPECT_NO_THROW(check(odd));
+        EXPECT_NO_THROW(check("sampler = \"stratified\""));
+        try {
+            check("sampler = \"stratified\"\n" + odd);
+            ADD_FAILURE() << odd;
+        } catch (const Error& e) {
+            EXPECT_EQ(e.kind(), Failure::input);
+            EXPECT_NE(std::string(e.what()).find(odd), std::string::npos) << e.what();
+        }
+    }
+}
+
 }  // namespace
 }  // namespace pellucid

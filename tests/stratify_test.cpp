@@ -164,6 +164,38 @@ TEST(Stratified, StatedVarianceIsThatOverSeeds) {
     EXPECT_NEAR(stated / a.variance(), 1, 4 * std::sqrt(2.5 / n + 2.5 / (7 * n)));
 }
 
+TEST(Stratified, StatedVarianceIsRightWithAPartOfAGroupAtTheEnd) {
+    const PreparedScene scene = prepare(scene_from(sheets({0.5})));
+    const struct {
+        std::uint32_t group, repeats;
+    } cases[] = {{16, 33}, {16, 47}, {16, 36}, {5, 16}};
+    for (const auto& [group, repeats] : cases) {
+        MeanVariance a, b;
+        double stated = 0;
+        double stated_b = 0;
+        constexpr int kSeeds = 60;
+        for (int seed = 0; seed < kSeeds; ++seed) {
+            const Image image = draw(scene, repeats, static_cast<std::uint64_t>(seed) + 7, SamplerKind::stratified, group);
+            for (const float value : image.plane("A")) a.add(static_cast<double>(value));
+            for (const float value : image.plane("R")) b.add(static_cast<double>(value));
+            for (const float value : image.plane("variance.A")) stated += static_cast<double>(value) / (256.0 * kSeeds);
+            for (const float value : image.plane("variance.R")) stated_b += static_cast<double>(value) / (256.0 * kSeeds);
+        }
+        // A degree of freedom a pixel, at least.
+        const double error = std::sqrt((2.5 + 2.5) / (256.0 * kSeeds));
+        EXPECT_NEAR(stated / a.variance(), 1, 4 * error) << repeats << " of " << group;
+        EXPECT_NEAR(stated_b / b.variance(), 1, 4 * error) << repeats << " of " << group;
+    }
+}
+
+TEST(Stratified, OneCompleteGroupTellsNoVariance) {
+    const PreparedScene scene = prepare(scene_from(sheets({0.5})));
+    for (const std::uint32_t repeats : {16U, 17U, 31U, 32U}) {
+        const Image image = draw(scene, repeats, 1, SamplerKind::stratified, 16);
+        for (const float v : image.plane("variance.A")) ASSERT_EQ(std::isinf(v), repeats < 32) << repeats;
+    }
+}
+
 TEST(Stratified, IndependentCandidatesDealtAtRandomAreTheWrongTwin) {
     // What would be drawn if candidates were dealt without regard to depth: law (1) of the count α S/s is not α.
     const PreparedScene scene = prepare(scene_from(sheets({0.6})));
@@ -249,6 +281,53 @@ TEST(AdaptiveTiles, StopOneByOneAndKeepTheirPromise) {
         EXPECT_NEAR(left.mean(), 0.5, 4 * left.standard_error());
         EXPECT_LE(std::sqrt(left.variance()), 0.0202);
     }
+}
+
+TEST(AdaptiveTiles, LooksComeAfterWholeGroups) {
+    // An error that is never reached: looks must not change what is drawn.
+    const PreparedScene scene = prepare(scene_from(sheets({0.5})));
+    for (const std::uint32_t group : {1U, 3U, 5U, 7U, 12U, 40U}) {
+        ParticleSettings settings{.repeats = 80, .kind = SamplerKind::stratified, .sampler = {.seed = {5}}, .group = group};
+        RenderStats stats;
+        const Image full = render_particles(scene, settings, stats);
+        settings.max_error = 1e-9;
+        const Image looked = render_particles(scene, settings, stats);
+        for (const char* plane : {"A", "variance.A", "R"})
+            EXPECT_TRUE(std::ranges::equal(full.plane(plane), looked.plane(plane))) << group << ' ' << plane;
+    }
+}
+
+TEST(AdaptiveTiles, PixelsThatStandAloneKeepTheirPromise) {
+    // Cards of one pixel each, 16 pixels apart, four of them in a tile.
+    std::string toml = "image.resolution = [128, 128]\n[camera]\nprojection = \"orthographic\"\nposition = [64, 64, 10]\n"
+                       "target = [64, 64, 0]\nup = [0, 1, 0]\nview_height = 128\n";
+    std::vector<std::size_t> cards;
+    for (int y = 8; y < 128; y += 16)
+        for (int x = 8; x < 128; x += 16) {
+            toml += fmt::format("[[surface]]\nrectangle = {{ center = [{}, {}, 0], u = [0.5, 0, 0], v = [0, 0.5, 0] }}\n"
+                                "opacity = 0.5\nshading = \"flat\"\ncolor = [1, 1, 1]\n", x + 0.5, y + 0.5);
+            cards.push_back(static_cast<std::size_t>((127 - y) * 128 + x));
+        }
+    const PreparedScene scene = prepare(scene_from(toml));
+    constexpr double kAsked = 0.02;
+    MeanVariance error;
+    double repeats = 0;
+    constexpr int kSeeds = 6;
+    for (int seed = 0; seed < kSeeds; ++seed) {
+        RenderStats stats;
+        const Image image = render_particles(scene,
+                                             {.repeats = 4096, .kind = SamplerKind::stratified,
+                                              .sampler = {.seed = {static_cast<std::uint64_t>(seed)}}, .group = 8, .max_error = kAsked},
+                                             stats);
+        for (const std::size_t i : cards) {
+            ASSERT_GT(image.plane("A")[i], 0);
+            error.add(static_cast<double>(image.plane("A")[i]) - 0.5);
+            repeats += static_cast<double>(image.plane("repeats")[i]) / (kSeeds * 64.0);
+        }
+    }
+    const double rms = std::sqrt(error.variance() + error.mean() * error.mean());
+    EXPECT_LT(rms, kAsked * (1 + 3 / std::sqrt(2 * 64.0 * kSeeds)));
+    EXPECT_LT(repeats, 0.25 / (kAsked * kAsked));  // what independent ones need
 }
 
 TEST(AdaptiveTiles, TheirParticlesAreThoseOfAFullRun) {

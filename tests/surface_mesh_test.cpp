@@ -6,6 +6,7 @@
 #include "sample/make_sources.hpp"
 #include "sample/mesh_sampler.hpp"
 #include "scene_testing.hpp"
+#include "study/sphere_counts.hpp"
 
 namespace pellucid {
 namespace {
@@ -125,6 +126,22 @@ TEST(SurfaceMesh, OctreePiecesHaveTheSurfacesAreaToSecondOrder) {
     }
 }
 
+TEST(SurfaceMesh, OctreeLosesNoLeafOfAThinTorus) {
+    // Four leaves across the tube: Newton's method leads away from many a leaf's middle, and the box touches the torus.
+    const PreparedScene scene = scene_of("implicit = \"torus\"\nparameters = { major = 0.75, minor = 0.25 }");
+    const SurfaceTriangles t = octree_triangles(scene.objects[0], 16);
+    EXPECT_EQ(t.dropped, 0U);
+    EXPECT_NEAR(area_of(t.mesh) / (4 * M_PI * M_PI * 0.75 * 0.25), 1, 0.03);
+}
+
+TEST(SurfaceMesh, OctreeTakesNoPoleForLostSurface) {
+    // 1/x changes its sign and has no surface to lose.
+    const SurfaceTriangles pole =
+        octree_triangles(scene_of("expression = \"1/(x-0.1)\"\nbounds = [[-1, -1, -1], [1, 1, 1]]").objects[0], 8);
+    EXPECT_EQ(pole.dropped, 0U);
+    EXPECT_EQ(pole.mesh.triangles.size(), 0U);
+}
+
 std::size_t bin(double u, std::size_t n) {
     return std::min(n - 1, static_cast<std::size_t>(std::max(0.0, u) * static_cast<double>(n)));
 }
@@ -189,6 +206,24 @@ TEST(CountingSpheres, MissWhereCurvaturesDifferAtEdgesAndBesideASecondSheet) {
     const OpacityControl c = control({sheets.objects[0], 0}, 0.5, 0.2, 500);
     EXPECT_GT(c.mean_area_ratio, 1.75);
     EXPECT_NEAR(c.counted_opacity, -std::expm1(std::log(0.5) / c.mean_area_ratio), 1e-3);  // (1) and its limit
+}
+
+TEST(CountingSpheres, MeanCountIsWorthWhatItIsSaidToBe) {
+    // Two sheets a quarter of a radius apart: nearly every point lies in as many spheres, so a fixed number of points tells more
+    // than n independent counts would.
+    const PreparedScene scene = scene_of("expression = \"z*(z - 0.1)\"\nbounds = [[-1, -1, -0.3], [1, 1, 0.3]]");
+    const UniformPoints surface(scene.objects[0], 0);
+    std::vector<Vec3> centers;
+    for (int i = 0; i < 12; ++i)
+        for (int k = 0; k < 12; ++k) centers.emplace_back(0.14 * (i - 5.5), 0.14 * (k - 5.5), 0);
+    constexpr std::size_t kPoints = 2000;
+    constexpr double kRadius = 0.4;
+    MeanVariance means;
+    constexpr int kSeeds = 300;
+    for (std::uint64_t seed = 0; seed < kSeeds; ++seed) means.add(counts_in_spheres(surface, kPoints, centers, kRadius, {1000 + seed}).mean());
+    const double worth = means.mean() * means.mean() / means.variance();
+    EXPECT_NEAR(worth / independent_points(surface, kPoints, centers, kRadius), 1, 4 * std::sqrt(2.0 / kSeeds));
+    EXPECT_GT(worth, 1.5 * kPoints);
 }
 
 TEST(CountingSpheres, ChangeTheNumberOfParticlesByTheirRatio) {

@@ -251,7 +251,8 @@ int main(int argc, char** argv) {
         arguments.option("--stats", options.stats, "write times, bytes and counts to this JSON file");
         arguments.option("--crop", options.crop, "x0,y0,x1,y1: draw these pixels of the image only");
         arguments.option("--max-error", options.max_error,
-                         "stop when every pixel's standard error is at most this");
+                         "stop when every pixel's standard error is at most this; particles: as estimated, which makes the mean\n"
+                         "of pixels that are alone in their tile too low, by up to a third of it");
         arguments.option("--shard", options.shard,
                          "i/n, i = 0 ... n-1: draw this part of the repeats, for merge");
         arguments.flag("--plan", options.plan, "list stages and bytes, draw nothing");

@@ -72,6 +72,9 @@ namespace {
     if (s.sampler.lines == LineMode::fast && s.sampler.trials != TrialLaw::poisson)
         throw input_error(
             "particles.lines = \"fast\": expected \"exact\" where particles.count = \"binomial\"");
+    if (s.kind == SamplerKind::stratified && (s.sampler.lines == LineMode::fast || s.sampler.trials != TrialLaw::poisson))
+        throw input_error("particles.{} with particles.sampler = \"stratified\": expected \"lines\", whose repeats it is about",
+                          s.sampler.lines == LineMode::fast ? "lines = \"fast\"" : "count = \"binomial\"");
     s.memory_mib = input.settings.integer("memory_mib", s.memory_mib, {.lo = 1, .hi = 1 << 20});
     s.sampler.seed = input.seed;
     s.max_error = input.max_error;
@@ -121,19 +124,55 @@ namespace {
     return static_cast<std::uint32_t>(std::min(whole, static_cast<double>(settings.repeats)));
 }
 
-/// Squared standard error of a pixel's worst channel, as estimated.
-[[nodiscard]] double squared_error(const EnsembleSums& sums, std::size_t pixel) {
-    double worst = 0;
-    for (int c = 0; c < 4; ++c) worst = std::max(worst, sums.variance_of_mean(pixel, c));
-    // A pixel hit in none or in all of the repeats seems to have no error at all. Laplace's estimate of
-    // its share, (hits + 1)/(repeats + 2), does not believe that before 1/n is small.
+/// Squared standard error of a pixel's worst channel, as estimated, if its repeats were independent. A pixel hit in none
+/// or in all of them seems to have no error at all; Laplace's estimate of its share, (hits + 1)/(repeats + 2), does not
+/// believe that before 1/n is small.
+[[nodiscard]] double independent_error(const EnsembleSums& sums, std::size_t pixel) {
     const double n = sums.repeats_of(pixel);
-    const double covered = sums.pixels[pixel].covered;
-    const double share = (covered + 1) / (n + 2);
-    const bool grouped = !sums.group_squares.empty();  // elsewhere better than any independent repeats
-    if (!grouped || covered == 0 || covered == n) worst = std::max(worst, share * (1 - share) / n);
+    const double share = (sums.pixels[pixel].covered + 1) / (n + 2);
+    double worst = share * (1 - share) / n;
+    for (int c = 0; c < 4; ++c) worst = std::max(worst, sums.variance_of_independent(pixel, c));
     return worst;
 }
+
+/// The same of repeats as they are. Those of groups are better than independent ones, but where none or all of them hit.
+[[nodiscard]] double squared_error(const EnsembleSums& sums, std::size_t pixel) {
+    const double covered = sums.pixels[pixel].covered;
+    if (sums.group_squares.empty() || covered == 0 || covered == sums.repeats_of(pixel)) return independent_error(sums, pixel);
+    double worst = 0;
+    for (int c = 0; c < 4; ++c) worst = std::max(worst, sums.variance_of_mean(pixel, c));
+    return worst;
+}
+
+/// Squared error of a block of pixels. Groups are few, and the largest of many estimates by few is luck: those of a block
+/// are averaged, over the pixels that were hit; the others are as good as their share allows.
+class BlockError {
+public:
+    void add(const EnsembleSums& sums, std::size_t pixel) {
+        const double error = squared_error(sums, pixel);
+        if (sums.pixels[pixel].covered == 0) {
+            empty_ = std::max(empty_, error);
+            return;
+        }
+        sum_ += error;
+        independent_ += independent_error(sums, pixel);
+        ++hit_;
+    }
+    [[nodiscard]] double by_pixel() const { return std::max(empty_, sum_); }
+    /// Where too few estimates are averaged, what as many independent repeats would have is believed if it is larger.
+    [[nodiscard]] double by_groups(std::uint32_t groups) const {
+        constexpr double kDegreesOfFreedom = 16;
+        if (hit_ == 0) return empty_;
+        const double few = hit_ * (groups - 1.0) < kDegreesOfFreedom ? independent_ : 0;
+        return std::max(empty_, std::max(sum_, few) / hit_);
+    }
+
+private:
+    double empty_ = 0, sum_ = 0, independent_ = 0;
+    double hit_ = 0;
+};
+
+constexpr std::uint32_t kLeastRepeats = 16;  // before the first look
 
 /// Tiles stop one by one, each once its largest standard error is what was asked for.
 class AdaptiveTiles {
@@ -182,8 +221,6 @@ public:
     }
 
 private:
-    /// Groups are few, and the largest of many estimates by few is luck: their squares are averaged over blocks of
-    /// 4 x 4 pixels.
     [[nodiscard]] double largest_error(const EnsembleSums& sums, std::size_t tile) const {
         const int step = sums.group_squares.empty() ? 1 : 4;
         const auto x0 = static_cast<int>(mask_.grid.column_of(tile, 0));
@@ -193,13 +230,12 @@ private:
         double worst = 0;
         for (int y = y0; y < y1; y += step)
             for (int x = x0; x < x1; x += step) {
-                double sum = 0;
-                int count = 0;
+                BlockError block;
                 for (int v = y; v < std::min(y + step, y1); ++v)
-                    for (int u = x; u < std::min(x + step, x1); ++u, ++count)
-                        sum += squared_error(sums, static_cast<std::size_t>(v) * static_cast<std::size_t>(camera_.width()) +
-                                                       static_cast<std::size_t>(u));
-                worst = std::max(worst, sum / count);
+                    for (int u = x; u < std::min(x + step, x1); ++u)
+                        block.add(sums, static_cast<std::size_t>(v) * static_cast<std::size_t>(camera_.width()) +
+                                            static_cast<std::size_t>(u));
+                worst = std::max(worst, step == 1 ? block.by_pixel() : block.by_groups(sums.groups));
             }
         return std::sqrt(worst);
     }
@@ -307,7 +343,8 @@ EnsembleSums draw_particles(const PreparedScene& scene, const ParticleSettings& 
     const std::uint32_t unit = sampler.stratify ? sampler.stratify->group : 1;
     EnsembleSums group_sums{0, sums.units};
     std::uint32_t done = 0;
-    std::uint32_t goal = tiles ? std::min(std::max(16U, 4 * unit), settings.repeats) : settings.repeats;
+    // Looks come after whole groups: a group that is cut would be drawn twice, and tell less than its repeats should.
+    std::uint32_t goal = tiles ? std::min(unit * std::max(4U, (kLeastRepeats + unit - 1) / unit), settings.repeats) : settings.repeats;
     while (done < settings.repeats) {
         const std::uint32_t count = std::min(sampler.stratify ? unit : batch, goal - done);
         const ParticleSet set = sample_particles(scene, sources, sampler, settings.first_repeat + done, count);

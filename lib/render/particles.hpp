@@ -26,7 +26,10 @@ struct ParticleSettings {
     /// forgotten in batches.
     std::int64_t memory_mib = 1024;
     /// A tile is done before `repeats` once all of its pixels' estimated standard errors are at most this. The number of
-    /// repeats doubles from one look to the next, and an estimate that decides when to stop is a little too small.
+    /// repeats doubles from one look to the next (stratified: whole groups, and blocks of 4 x 4 pixels on average). An estimate
+    /// that decides when to stop is a little too small, and so is the mean: few hits look like a small error. A pixel that
+    /// is alone in its tile is off by up to -0.34 of the error asked for (opacity 0.05, error 0.03), 16 like pixels by up
+    /// to -0.011 of it, 256 by -0.002. A fixed number of repeats has no such bias.
     std::optional<double> max_error{};
     Backend backend = Backend::cpu();
 };

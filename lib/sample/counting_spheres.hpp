@@ -4,7 +4,8 @@
 // particles in one, and the sphere's great circle S = πr² stands for the piece of surface inside. When (1) with n and S
 // gives the wished opacity, enough particles were made. The area a that is really inside is πr² on planes and spheres and
 // πr²[1 + r²(κ1 − κ2)²/32 + …] elsewhere, less at open edges, twice as large beside a second sheet: the density is then
-// πr²/a of what it should be. The exact way knows the area of the whole surface and needs no spheres.
+// πr²/a of what it should be. (1) is for a fixed number of particles in S, and theirs is a Poisson number: tau is s/2S too low,
+// 1.0 % where r is kLeastRadiusPixels pixels and S = 50 s. The exact way knows the area of the whole surface and needs no spheres.
 #pragma once
 
 #include <cstdint>

@@ -2,6 +2,7 @@
 
 #include <cmath>
 
+#include "core/error.hpp"
 #include "sample/mesh_sampler.hpp"
 #include "sample/volume_source.hpp"
 
@@ -23,6 +24,17 @@ namespace {
     return pixel ? cells_for_error(object, settings.mesh_error_px * std::sqrt(*pixel)) : settings.mesh_cells;
 }
 
+[[nodiscard]] std::unique_ptr<const ParticleSource> octree_source(const Object& object, const Camera& camera, std::uint32_t id,
+                                                                 int cells) {
+    SurfaceTriangles found = octree_triangles(object, cells);
+    std::string complaint;
+    if (found.dropped > 0)
+        complaint = fmt::format("surface \"{}\": in {} leaves of the octree f changes its sign and no tangent plane was found: raise "
+                                "particles.octree.cells = {}",
+                                object.surface.name, found.dropped, cells);
+    return std::make_unique<MeshSampler>(object, std::move(found.mesh), camera, id, std::move(complaint));
+}
+
 /// The source of one surface.
 [[nodiscard]] std::unique_ptr<const ParticleSource> make_source(const PreparedScene& scene, std::uint32_t id,
                                                                 SamplerKind kind, const SourceSettings& settings) {
@@ -37,8 +49,7 @@ namespace {
             if (!object.geometry->field_surface()) break;
             return std::make_unique<MeshSampler>(
                 object, tessellate(object, mesh_cells(object, camera, settings)).mesh, camera, id);
-        case SamplerKind::octree:
-            return std::make_unique<MeshSampler>(object, octree_triangles(object, settings.octree_cells).mesh, camera, id);
+        case SamplerKind::octree: return octree_source(object, camera, id, settings.octree_cells);
     }
     return std::make_unique<LineSampler>(object, camera, id, scene.settings.lights);
 }

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <memory>
+#include <string>
 
 #include "sample/line_sampler.hpp"
 #include "sample/surface_mesh.hpp"
@@ -10,8 +11,8 @@ namespace pellucid {
 
 class MeshSampler final : public ParticleSource {
 public:
-    /// Triangles in place of an object's own surface. `object` is copied, its geometry left alone.
-    MeshSampler(const Object& object, TriangleMesh mesh, const Camera& camera, std::uint32_t object_id);
+    /// Triangles in place of an object's own surface. `object` is copied, its geometry left alone. `complaint`: see there.
+    MeshSampler(const Object& object, TriangleMesh mesh, const Camera& camera, std::uint32_t object_id, std::string complaint = {});
 
     [[nodiscard]] std::uint32_t object_id() const override { return lines_->object_id(); }
     [[nodiscard]] std::string label() const override { return lines_->label(); }
@@ -32,11 +33,14 @@ public:
     [[nodiscard]] std::size_t piece_count() const override { return lines_->piece_count(); }
     [[nodiscard]] std::size_t bytes() const override { return lines_->bytes() + object_->geometry->bytes(); }
 
+    [[nodiscard]] std::string complaint() const override { return complaint_; }
+
     [[nodiscard]] const Object& object() const { return *object_; }
 
 private:
     std::unique_ptr<Object> object_;
     std::unique_ptr<LineSampler> lines_;
+    std::string complaint_;
 };
 
 /// The object with triangles for its geometry.

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <numeric>
 #include <memory>
+#include <optional>
 
 #include <gts.h>
 
@@ -24,20 +25,24 @@ constexpr double kNearRoot = 0.1;
 constexpr double kLeafRoom = 0.5;
 constexpr std::size_t kMostLeaves = std::size_t{1} << 24U;
 
+/// A closed surface that touches its box from inside is not cut by it: room is added there.
+void widen_where_closed(FieldSurface& surface, const Vec3& room) {
+    const auto* catalogue = dynamic_cast<const CatalogueSurface*>(surface.field);
+    if (catalogue == nullptr || !catalogue->bounded()) return;
+    for (int axis = 0; axis < 3; ++axis) {
+        if (surface.bounds.lo[axis] <= catalogue->bounds().lo[axis]) surface.bounds.lo[axis] -= room[axis];
+        if (surface.bounds.hi[axis] >= catalogue->bounds().hi[axis]) surface.bounds.hi[axis] += room[axis];
+    }
+}
+
 [[nodiscard]] FieldSurface field_surface_of(const Object& object, const char* sampler) {
     auto surface = object.geometry->field_surface();
     if (!surface)
         throw input_error("surface \"{}\": particles.sampler = \"{}\" needs a mesh, or a surface that is f = 0 of a field "
                           "(implicit, expression, isosurface, points): use \"lines\"",
                           object.surface.name, sampler);
-    // A closed surface that touches its box from inside is not cut by it.
-    if (const auto* catalogue = dynamic_cast<const CatalogueSurface*>(surface->field); catalogue != nullptr && catalogue->bounded()) {
-        const Vec3 room = kRoom * surface->bounds.size();
-        for (int axis = 0; axis < 3; ++axis) {
-            if (surface->bounds.lo[axis] <= catalogue->bounds().lo[axis]) surface->bounds.lo[axis] -= room[axis];
-            if (surface->bounds.hi[axis] >= catalogue->bounds().hi[axis]) surface->bounds.hi[axis] += room[axis];
-        }
-    }
+    if (surface->bounds.empty()) return *surface;
+    widen_where_closed(*surface, kRoom * surface->bounds.size());
     return *surface;
 }
 
@@ -367,18 +372,71 @@ private:
         if (++leaves_ > kMostLeaves)
             throw input_error("surface \"{}\": more than 2^24 leaves of an octree hold it, lower particles.octree.cells",
                               object_.surface.name);
-        Vec3 at = box.center();
-        const Vec3 normal = move_to_surface(surface_, leaf_, at) ? surface_.field->gradient(at) : Vec3(0.0);
-        if (!(dot(normal, normal) > 0 && dot(normal, normal) < kInfinity) || !is_root(surface_, leaf_, at)) {
-            ++out_.dropped;
-            return;
-        }
+        const auto found = nearest_place(box);
+        if (!found) return;
+        const Vec3 at = *found;
+        const Vec3 normal = surface_.field->gradient(at);
         const Polygon polygon = cut_box(box, at, normal);
         if (polygon.count < 3) return;
         const auto first = static_cast<std::uint32_t>(out_.mesh.positions.size());
         for (std::size_t i = 0; i < polygon.count; ++i) out_.mesh.positions.push_back(polygon.corner[i]);
         for (std::uint32_t i = 1; i + 1 < polygon.count; ++i)
             out_.mesh.triangles.push_back({first, first + i, first + i + 1});
+    }
+
+    /// Whether there is a tangent plane at a place.
+    [[nodiscard]] bool is_smooth(const Vec3& at) const {
+        const Vec3 normal = surface_.field->gradient(at);
+        return dot(normal, normal) > 0 && dot(normal, normal) < kInfinity && is_root(surface_, leaf_, at);
+    }
+    /// The surface's place nearest to a leaf's middle: by Newton's method from there; where that leads away, the nearest one of
+    /// those from the corners and on the edges along which f changes its sign. Such a leaf without any holds surface that is lost,
+    /// unless f jumps.
+    [[nodiscard]] std::optional<Vec3> nearest_place(const Box& box) {
+        const Vec3 middle = box.center();
+        std::optional<Vec3> best;
+        double least = kInfinity;
+        const auto consider = [&](const Vec3& place) {
+            const Vec3 off = (place - middle) / leaf_;
+            constexpr double kReach = 0.5 + kLeafRoom;
+            if (std::max({std::abs(off.x), std::abs(off.y), std::abs(off.z)}) > kReach || dot(off, off) >= least) return;
+            if (!is_smooth(place)) return;
+            least = dot(off, off);
+            best = place;
+        };
+        Vec3 at = middle;
+        if (move_to_surface(surface_, leaf_, at)) consider(at);
+        if (best) return best;
+        Vec3 corner[8];
+        double value[8];
+        for (unsigned i = 0; i < 8; ++i) {
+            corner[i] = {(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y,
+                         (i & 4U) != 0 ? box.hi.z : box.lo.z};
+            value[i] = surface_.field->value(corner[i]);
+            Vec3 place = corner[i];
+            if (move_to_surface(surface_, leaf_, place)) consider(place);
+        }
+        bool crossed = false;
+        for (unsigned i = 0; i < 8; ++i)
+            for (unsigned bit = 1; bit < 8; bit <<= 1U) {
+                const unsigned j = i | bit;
+                if (j == i || !(value[i] * value[j] < 0)) continue;
+                const Vec3 place = sign_change(corner[i], value[i], corner[j]);
+                // Where f jumps it is as large as beside the place: there is no surface.
+                crossed = crossed || std::abs(surface_.field->value(place)) < 1e-3 * std::min(std::abs(value[i]), std::abs(value[j]));
+                consider(place);
+            }
+        if (!best && crossed) ++out_.dropped;
+        return best;
+    }
+    /// By bisection.
+    [[nodiscard]] Vec3 sign_change(Vec3 a, double at_a, Vec3 b) const {
+        constexpr int kHalvings = 40;
+        for (int i = 0; i < kHalvings; ++i) {
+            const Vec3 middle = 0.5 * (a + b);
+            ((surface_.field->value(middle) < 0) == (at_a < 0) ? a : b) = middle;
+        }
+        return 0.5 * (a + b);
     }
 
     const Object& object_;
@@ -392,7 +450,7 @@ private:
 }  // namespace
 
 SurfaceTriangles octree_triangles(const Object& object, int cells) {
-    const FieldSurface surface = field_surface_of(object, "octree");
+    FieldSurface surface = field_surface_of(object, "octree");
     SurfaceTriangles out;
     if (surface.bounds.empty() || object.geometry->patch_count() == 0) return out;
     // Cubes of the world, but for shear: in object space their edges are as long as the map needs.
@@ -406,9 +464,12 @@ SurfaceTriangles octree_triangles(const Object& object, int cells) {
     // No leaf's face in the middle of the bounds, where symmetric surfaces have planes and nodes.
     const Vec3 edge = longest * scale;
     const Vec3 leaf = edge / static_cast<double>(1U << static_cast<unsigned>(depth));
+    const Vec3 corner = surface.bounds.lo - leaf;
     const Vec3 shift = 0.4871 * leaf;
+    // Tangent planes near a closed surface's outermost places lie outside its box.
+    widen_where_closed(surface, kLeafRoom * leaf);
     OctreeBuilder(object, surface, depth + 1, leaf, out)
-        .add({surface.bounds.lo - shift, surface.bounds.lo - shift + 2.0 * edge}, 0);
+        .add({corner - shift, corner - shift + 2.0 * edge}, 0);
     finish(surface, out);
     return out;
 }

@@ -4,8 +4,9 @@
 // Marching Tetrahedra: places on the edges of tetrahedra where f changes its sign, moved to f = 0 by a step of Newton's
 // method; blocks of the grid in which f surely has no zero are not evaluated. Distance from the surface: of second order
 // in the grid's spacing. Octree (interval subdivision): a leaf in which f may vanish holds the polygon in which it is cut
-// by the tangent plane at the surface's place nearest to its middle; neighbouring polygons do not meet exactly, and of two
-// sheets in one leaf there is one. The samplers `mesh` and `octree` throw uniform points on these triangles.
+// by the tangent plane at the surface's place nearest to its middle; neighbouring polygons do not meet exactly, of two
+// sheets in one leaf there is one, and at sharp edges, where a leaf has one plane for two, the area is right to first order only.
+// Tangent planes are cut at the bounds: surfaces that touch these from inside lose area there (closed catalogue surfaces do not). The samplers `mesh` and `octree` throw uniform points on these triangles.
 #pragma once
 
 #include <cstddef>
@@ -18,7 +19,7 @@ namespace pellucid {
 struct SurfaceTriangles {
     TriangleMesh mesh;       // world; normals are the field's gradient
     double error = 0;        // largest distance of a triangle's middle from the surface, |f|/|∇f|, world
-    std::size_t dropped = 0;  // triangles at poles and gaps of the field, which are no surface
+    std::size_t dropped = 0;  // triangles at poles and gaps of the field, which are no surface; octree: leaves whose surface was lost
 };
 
 /// Most cells along the longest edge of the bounds.

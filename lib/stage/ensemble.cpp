@@ -1,6 +1,7 @@
 #include "stage/ensemble.hpp"
 
 #include <algorithm>
+#include <cassert>
 #include <cmath>
 #include <limits>
 
@@ -36,35 +37,68 @@ void EnsembleSums::add(const EnsembleSums& other) {
     repeats += other.repeats;
 }
 
+namespace {
+
+/// Sums of R, G, B in units and of A.
+[[nodiscard]] std::array<double, 4> channel_sums(const EnsembleSums::Pixel& p) {
+    return {static_cast<double>(p.color[0]), static_cast<double>(p.color[1]), static_cast<double>(p.color[2]),
+            static_cast<double>(p.covered)};
+}
+
+}  // namespace
+
 void EnsembleSums::add_group(const EnsembleSums& group) {
     group_squares.resize(pixels.size());
+    if (groups == 0) group_repeats = group.repeats;
+    assert(group.repeats <= group_repeats && complete_sums.empty());
+    const bool complete = group.repeats == group_repeats;
+    if (!complete) complete_sums.resize(pixels.size());
     const auto n = static_cast<double>(group.repeats);
     parallel_for(pixels.size(), 4096, [&](std::size_t begin, std::size_t end) {
         for (std::size_t i = begin; i < end; ++i) {
-            const Pixel& p = group.pixels[i];
-            for (std::size_t c = 0; c < 3; ++c) {
-                const auto sum = static_cast<double>(p.color[c]);
-                group_squares[i][c] += sum * sum / n;
+            if (!complete) {
+                complete_sums[i] = channel_sums(pixels[i]);
+                continue;
             }
-            group_squares[i][3] += static_cast<double>(p.covered) * p.covered / n;
+            const std::array<double, 4> sums = channel_sums(group.pixels[i]);
+            for (std::size_t c = 0; c < 4; ++c) group_squares[i][c] += sums[c] * sums[c] / n;
         }
     });
-    ++groups;
+    groups += complete ? 1 : 0;
     add(group);
 }
 
+double EnsembleSums::variance_by_groups(std::size_t pixel, std::size_t channel) const {
+    const double k = pixel_groups.empty() ? groups : pixel_groups[pixel];
+    if (k < 2) return kInfinity;
+    const double n = repeats_of(pixel);
+    const auto size = static_cast<double>(group_repeats);
+    const double sum = channel_sums(pixels[pixel])[channel];
+    const double squares = group_squares[pixel][channel];
+    const double part = n - k * size;  // repeats of a last group that is not complete
+    const double complete = part > 0 ? complete_sums[pixel][channel] : sum;
+    // A complete group's mean has the variance σ²/G.
+    const double of_groups = std::max(0.0, squares - complete * (complete / (k * size))) / (k - 1);
+    const double unit = channel == 3 ? 1 : units * units;
+    if (!(part > 0)) return of_groups / n / unit;
+    // The mean of m of its repeats, chosen at random, has w²(1/m − 1/G) more, w² the variance between repeats of a group: from
+    // the squares within all groups. Repeats that are covered count 1, so do their squares.
+    const double rest = sum - complete;
+    const double all_squares =
+        channel == 3 ? sum : static_cast<double>(pixels[pixel].square[channel]);
+    const double within = std::max(0.0, all_squares - squares - rest * (rest / part)) / (n - k - 1);
+    const double of_part = part * (part / size * of_groups + (1 - part / size) * within);
+    return (k * size * of_groups + of_part) / (n * n) / unit;
+}
+
 double EnsembleSums::variance_of_mean(std::size_t pixel, int channel) const {
+    return group_squares.empty() ? variance_of_independent(pixel, channel)
+                                 : variance_by_groups(pixel, static_cast<std::size_t>(channel));
+}
+
+double EnsembleSums::variance_of_independent(std::size_t pixel, int channel) const {
     const double n = repeats_of(pixel);
     const Pixel& p = pixels[pixel];
-    if (!group_squares.empty()) {
-        // A mean of n repeats has the variance σ²/n, whatever the size of their group: as near as makes no difference.
-        const double k = pixel_groups.empty() ? groups : pixel_groups[pixel];
-        if (k < 2) return kInfinity;
-        const double unit = channel == 3 ? 1 : units;
-        const double sum = channel == 3 ? p.covered : static_cast<double>(p.color[channel]);
-        const double squares = group_squares[pixel][static_cast<std::size_t>(channel)];
-        return std::max(0.0, squares - sum * (sum / n)) / (n * (k - 1)) / (unit * unit);
-    }
     if (n < 2) return kInfinity;
     if (channel == 3) return (p.covered - p.covered / n * p.covered) / (n * (n - 1));
     const double sum = static_cast<double>(p.color[channel]) / units;

@@ -29,10 +29,14 @@ struct EnsembleSums {
     /// Repeats of each pixel, where they differ (adaptive runs, in which tiles stop one by one); else empty.
     std::vector<std::uint32_t> pixel_repeats;
     /// Where repeats depend on each other in groups (sample/stratify.hpp): Σ S²/n over the groups, S a group's sum in units
-    /// and n its repeats, for R, G, B and A. Groups are independent, so they tell the variance. Else empty.
+    /// and n its repeats, for R, G, B and A. Groups are independent, so they tell the variance. Else empty. Of complete
+    /// groups only: a part of one has a larger variance than its number of repeats says.
     std::vector<std::array<double, 4>> group_squares;
-    std::uint32_t groups = 0;
-    std::vector<std::uint32_t> pixel_groups;  // as pixel_repeats
+    std::uint32_t groups = 0;                  // complete ones
+    std::uint64_t group_repeats = 0;           // of each
+    std::vector<std::uint32_t> pixel_groups;   // as pixel_repeats
+    /// Where the last group is a part of one: Σ S over the complete ones. Else empty.
+    std::vector<std::array<double, 4>> complete_sums;
 
     /// Nothing yet, for the camera's image.
     EnsembleSums(const Camera& camera, double units);
@@ -42,12 +46,18 @@ struct EnsembleSums {
     [[nodiscard]] double repeats_of(std::size_t pixel) const {
         return static_cast<double>(pixel_repeats.empty() ? repeats : pixel_repeats[pixel]);
     }
-    /// Adds a group's own sums. Precondition: this one has none but groups.
+    /// Adds a group's own sums. Precondition: this one has none but groups, all with as many repeats as the first; the last
+    /// one may have fewer, a random choice of a group's.
     void add_group(const EnsembleSums& group);
     /// Sample variance over the repeats (or groups) of a pixel's R, G, B (0, 1, 2) or A (3), over their number: the
-    /// variance of its mean. +inf for a single repeat. Too small where repeats depend on each other
+    /// variance of its mean. +inf for a single repeat or less than two complete groups. Too small where repeats depend on each other
     /// (LineMode::fast): by a factor of up to K, the crossings of a line, in pixels that hold several of one line.
     [[nodiscard]] double variance_of_mean(std::size_t pixel, int channel) const;
+    /// The same as if all repeats were independent, whether they are or not.
+    [[nodiscard]] double variance_of_independent(std::size_t pixel, int channel) const;
+
+private:
+    [[nodiscard]] double variance_by_groups(std::size_t pixel, std::size_t channel) const;
 };
 
 /// Most repeats that the sums hold: 2^24 squares of 40 bits.

@@ -69,8 +69,9 @@ MeanVariance counts_in_spheres(const UniformPoints& surface, std::size_t points,
 }
 
 double independent_points(const UniformPoints& surface, std::size_t points, const std::vector<Vec3>& centers, double radius) {
-    // The mean count is Σ over points of k, the spheres around it: its relative variance is E[k²]/(n E[k]²), from a
-    // sample of points of its own.
+    // The mean count is Σ over points of k, the spheres around it. The number of points is fixed and they are independent: the
+    // sum's variance is n Var k = n (E[k²] − E[k]²), and one over its relative variance n E[k]²/(E[k²] − E[k]²). (A Poisson
+    // number of points would have E[k²] in place of Var k.) From a sample of points of its own.
     constexpr std::size_t kSample = 200'000;
     const CenterGrid grid(centers, radius);
     double sum = 0;
@@ -82,7 +83,10 @@ double independent_points(const UniformPoints& surface, std::size_t points, cons
         sum += k;
         squares += k * k;
     });
-    return squares > 0 ? sum * sum / squares * (static_cast<double>(points) / static_cast<double>(sample)) : 1;
+    const auto n = static_cast<double>(sample);
+    const double variance = squares - sum * (sum / n);
+    if (!(sum > 0)) return 1;
+    return variance > 0 ? sum * (sum / n) / variance * static_cast<double>(points) : kInfinity;
 }
 
 double cylinder_in_sphere(double r) {

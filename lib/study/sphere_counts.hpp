@@ -14,8 +14,8 @@ namespace pellucid {
 [[nodiscard]] MeanVariance counts_in_spheres(const UniformPoints& surface, std::size_t points, const std::vector<Vec3>& centers,
                                              double radius, Seed seed);
 
-/// What the mean of these counts is worth: one over its relative variance. A point in k spheres counts k times, so that is
-/// n E[k]²/E[k²].
+/// What the mean of these counts is worth: one over its relative variance. A point in k spheres counts k times and the number
+/// of points is fixed, so that is n E[k]²/(E[k²] − E[k]²). 1 where no point is in any sphere.
 [[nodiscard]] double independent_points(const UniformPoints& surface, std::size_t points, const std::vector<Vec3>& centers,
                                         double radius);
 

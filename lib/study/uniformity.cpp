@@ -185,17 +185,23 @@ UniformityReport judge_uniformity(const AreaCells& cells, const PointSets& sets,
     }
     if (!(report.points > 0)) return report;
     double deviation = 0;
+    double noise = 0;
     for (std::size_t i = 0; i < n; ++i) {
         const double share = static_cast<double>(cells.counts()[i]) / cells.total();
         const double expected = report.points * share;
         const double off = total[i] - expected;
         report.chi2 += off * off / (expected * (1 + report.points / cells.total()));
-        deviation += (off * off / (expected * expected) - 1 / expected - 1 / (share * cells.total())) / static_cast<double>(n);
+        // Repeats are independent of each other, points of one need not be: the variance of all that a cell got is the repeats'
+        // number times that of what it gets in one.
+        const double variance = sets.size() > 1 ? of_cell[i].variance() * static_cast<double>(sets.size()) : expected;
+        noise += (variance / (expected * expected) + 1 / (share * cells.total())) / static_cast<double>(n);
+        deviation += off * off / (expected * expected) / static_cast<double>(n);
         if (of_cell[i].mean() > 0) report.dispersion += of_cell[i].variance() / of_cell[i].mean() / static_cast<double>(n);
     }
     report.dof = static_cast<double>(n - 1);
     report.p_value = chi2_survival(report.chi2, report.dof);
-    report.density_deviation = std::sqrt(std::max(0.0, deviation));
+    report.density_deviation = std::sqrt(std::max(0.0, deviation - noise));
+    report.density_noise = std::sqrt(noise);
     if (sets.size() > 1) {
         report.count_dispersion = numbers.variance() / numbers.mean();
         const double dof = static_cast<double>(sets.size() - 1);

@@ -57,8 +57,11 @@ struct UniformityReport {
     double points = 0;            // in all repeats
     double chi2 = 0, dof = 0;     // of all points over the cells, the reference's own noise included
     double p_value = 1;
-    /// Root mean square deviation of the cells' densities, as a share of their mean; noise is taken off (not below 0).
+    /// Root mean square deviation of the cells' densities, as a share of their mean, and its noise: the dispersion below over the
+    /// number of points, and the reference's. Noise is taken off (not below 0); what is left is known to within noise² √(2/cells),
+    /// squared: less is not seen.
     double density_deviation = 0;
+    double density_noise = 0;
     /// Variance over mean of a cell's number of points in a repeat, mean over cells; 1 for a Poisson process. Its inverse
     /// is the number of independent points that one is worth.
     double dispersion = 0;
