@@ -220,7 +220,7 @@ void judge_clipped(Experiment& ex, const Settings& s, Pictures& pictures) {
                              {"slabs", {fmt::format("slabs.layers={}", s.layers), fmt::format("slabs.interpolation=\"{}\"", model.name),
                                         fmt::format("slabs.step={}", step)}},
                              {"clipped", model.name, opacity, 0, step, 0, 0, {}}, keep);
-            // pictures.add(scene, {"mdvr", {fmt::format("mdvr.step={}", step)}}, {"clipped", "mdvr", opacity, 0, step, 0, 0, {}}, keep);
+            pictures.add(scene, {"mdvr", {fmt::format("mdvr.step={}", step)}}, {"clipped", "mdvr", opacity, 0, step, 0, 0, {}}, keep);
         }
     }
 }
