@@ -293,7 +293,7 @@ TEST(VirtualSlab, AVolumeGivesItsPitchAndAHandGoesBefore) {
     EXPECT_DOUBLE_EQ(*thickness(card("a", 0, 1, "thickness = 7") + volume), 7);
 }
 
-TEST(VirtualSlab, ThePixelsThicknessIsTheDepthThatItSeesOfThePlane) {
+TEST(VirtualSlab, ThePixelsThicknessIsHalfOfThePixelOnTheSurface) {
     std::mt19937_64 random(1);
     std::normal_distribution<double> normal;
     for (const auto projection : {Projection::perspective, Projection::orthographic}) {
@@ -305,23 +305,22 @@ TEST(VirtualSlab, ThePixelsThicknessIsTheDepthThatItSeesOfThePlane) {
             const double x = 50 + 10 * normal(random), y = 40 + 10 * normal(random);
             const Ray ray = camera.ray(x, y);
             const Vec3 place = ray.origin + 5.0 * ray.direction;
-            const auto depth = [&](double px, double py) {
-                const Ray r = camera.ray(px, py);
-                return dot(n, place - r.origin) / dot(n, r.direction);
-            };
-            constexpr double kStep = 1e-4;  // of a pixel: the derivative
-            const double range = (std::abs(depth(x + kStep, y) - depth(x - kStep, y)) + std::abs(depth(x, y + kStep) - depth(x, y - kStep))) / (2 * kStep);
+            // The longest way on the surface that a step across the ray of one pixel's size takes: stepped along the
+            // steepest direction.
+            const Vec3 r = ray.direction / length(ray.direction);
+            const Vec3 across = n - dot(n, r) * r;
+            const double stretch = length(across) > 0 ? length(across / length(across) - dot(n, across / length(across)) / dot(n, r) * r) : 1;
             const double side = camera.pixel_size() * (projection == Projection::perspective ? 5 : 1);
             const double d = pixel_thickness(camera, camera.to_view(place), camera.view_vector(n));
-            EXPECT_NEAR(d, std::clamp(range, kLeastTilt * side, kMostTilt * side), 1e-6 * side);
-            within += range > kLeastTilt * side && range < kMostTilt * side ? 1 : 0;
+            EXPECT_NEAR(d, 0.5 * side * std::min(stretch, kMostStretch), 1e-9 * side);
+            within += stretch < kMostStretch ? 1 : 0;
         }
         EXPECT_GT(within, 300);
         // Face on, edge on.
         const Vec3 view(0, 0, 5);
         const double side = camera.pixel_size() * (projection == Projection::perspective ? 5 : 1);
-        EXPECT_DOUBLE_EQ(pixel_thickness(camera, view, {0, 0, 1}), kLeastTilt * side);
-        EXPECT_DOUBLE_EQ(pixel_thickness(camera, view, {1, 0, 0}), kMostTilt * side);
+        EXPECT_DOUBLE_EQ(pixel_thickness(camera, view, {0, 0, 1}), 0.5 * side);
+        EXPECT_DOUBLE_EQ(pixel_thickness(camera, view, {1, 0, 0}), 0.5 * kMostStretch * side);
     }
 }
 
@@ -330,8 +329,8 @@ TEST(VirtualSlab, SlabsOfFragmentsAreThatThick) {
         "[[surface]]\nname = \"tilted\"\nrectangle = { center = [0, 0, -5], u = [2, 0, 2], v = [0, 2, 0] }\nopacity = 0.5\n"));
     for (const auto& [place, list] : peel_all(scene)) {
         ASSERT_EQ(list.size(), 2U);
-        EXPECT_FLOAT_EQ(list[0].slab.d, static_cast<float>(2.0 / 32 * kLeastTilt));
-        EXPECT_FLOAT_EQ(list[1].slab.d, 2.0F / 32);
+        EXPECT_FLOAT_EQ(list[0].slab.d, 0.5F * 2.0F / 32);
+        EXPECT_FLOAT_EQ(list[1].slab.d, 0.5F * std::sqrt(2.0F) * 2.0F / 32);
     }
     for (const auto& [place, list] : peel_all(scene, {.thickness = false})) EXPECT_EQ(list[1].slab.d, 0);
 }

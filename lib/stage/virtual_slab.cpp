@@ -31,10 +31,9 @@ std::optional<double> fixed_thickness(const PreparedScene& scene, const Object& 
 
 double pixel_thickness(const Camera& camera, const Vec3& view, const Vec3& normal) {
     const double side = camera.pixel_size() * (camera.perspective() ? view.z : 1);
-    // n·(x(z, u, v)) = const. A step of one pixel goes `side` across; along the ray the plane is met at once for each n·r.
-    const double along = camera.perspective() ? dot(normal, view) / view.z : normal.z;
-    const double tilt = (std::abs(normal.x) + std::abs(normal.y)) / std::abs(along);
-    return side * (tilt > kLeastTilt ? std::min(tilt, kMostTilt) : kLeastTilt);
+    const Vec3 ray = camera.perspective() ? view : Vec3(0, 0, 1);
+    const double stretch = length(normal) * length(ray) / std::abs(dot(normal, ray));
+    return 0.5 * side * (stretch < kMostStretch ? stretch : kMostStretch);
 }
 
 }  // namespace pellucid

@@ -14,15 +14,18 @@ namespace pellucid {
 /// a volume. Empty: it is pixel_thickness, place by place.
 [[nodiscard]] std::optional<double> fixed_thickness(const PreparedScene& scene, const Object& object);
 
-/// The range of depth that a surface has within one pixel: |∂z/∂x| + |∂z/∂y| for a step of one pixel, on its tangent plane.
-/// Two surfaces that cross then blend over d₁ + d₂ of depth, which is |∇z₁|₁ + |∇z₂|₁ >= |∇(z₁ − z₂)|₁: at least the pixel's
-/// width, so no edge is jagged, and exactly that where they tilt opposite ways. Held between kLeastTilt and kMostTilt
-/// sides of a pixel there: outlines are no better known than to 1/256 pixel, and at a silhouette the tangent plane
-/// leaves a curved surface long before it leaves the pixel.
+/// Half of a pixel's size on the surface: side/(2·|cosθ|), `side` that of a pixel at this distance, θ between normal and
+/// ray, 1/|cosθ| at most kMostStretch (edge-on a surface leaves the pixel long before its tangent plane does).
+///
+/// Two opaque slabs of thickness d whose surfaces' depths part by g in a pixel give way to one another over ±d/g pixels
+/// as a triangle (measure/transition_fit.hpp, exponent 2): the variance of a pixel's box has d = g/√2. What g will be
+/// one surface does not know. Of two that are seen face on g is small; of two that are tilted it is between nothing and
+/// the sum of their tilts. This is g/√2 where both are tilted by 45 degrees and cross at 40; experiment
+/// virtual_thickness measures what is lost: the range of depth within a pixel, |∂z/∂x| + |∂z/∂y|, blurs three times
+/// as much where two surfaces tilt the same way.
 ///   view, normal  of the place, in view space; the normal (geometric) of any length but zero
 [[nodiscard]] double pixel_thickness(const Camera& camera, const Vec3& view, const Vec3& normal);
 
-inline constexpr double kLeastTilt = 1.0 / 256;
-inline constexpr double kMostTilt = 8;  // seen under 83 degrees
+inline constexpr double kMostStretch = 8;  // seen under 83 degrees
 
 }  // namespace pellucid
