@@ -19,7 +19,7 @@ namespace {
 /// What a chunk of trials has drawn.
 struct alignas(64) Throws {
     double u[kChunkRoom], v[kChunkRoom], chance[kChunkRoom];
-    std::uint64_t piece[kChunkRoom];
+    std::uint64_t piece[kChunkRoom];  // at first the word that chooses it
 };
 
 }  // namespace
@@ -43,13 +43,12 @@ HWY_INLINE VU pick_by_word(const AliasTable& table, VU word) {
     return hn::BitCast(du, hn::IfThenElse(hn::Lt(side, own), index, other));
 }
 
-void draw(const TriangleBlock& block, const LineKeys& keys, const RoundKeys& rounds, std::uint32_t first,
+void draw(const LineKeys& keys, const RoundKeys& rounds, std::uint32_t first,
           std::uint32_t count, Throws& out) {
     const VU highs[1] = {hn::Set(du, std::uint64_t{keys.block})};
     for (std::uint32_t i = 0; i < count; i += static_cast<std::uint32_t>(hn::Lanes(d))) {
         Words bits[1];
         philox(hn::Add(hn::Iota(du, first), hn::Set(du, std::uint64_t{i})), highs, keys.repeat, keys.object, rounds, bits);
-        const VU piece = pick_by_word(*block.table, bits[0].w[0]);
         V u = unit(bits[0].w[1]);
         V v = unit(bits[0].w[2]);
         const V one = hn::Set(d, 1.0);
@@ -59,8 +58,18 @@ void draw(const TriangleBlock& block, const LineKeys& keys, const RoundKeys& rou
         hn::Store(u, d, out.u + i);
         hn::Store(v, d, out.v + i);
         hn::Store(unit(bits[0].w[3]), d, out.chance + i);
-        hn::Store(piece, du, out.piece + i);
+        hn::Store(bits[0].w[0], du, out.piece + i);
     }
+}
+
+/// From words to pieces. Both look-ups miss the nearest cache: each is fetched ahead for all trials of the chunk.
+void pick(const TriangleBlock& block, std::uint32_t count, Throws& throws) {
+    const auto* columns = block.table->columns().data();
+    const int shift = block.table->shift();
+    for (std::uint32_t i = 0; i < count; ++i) __builtin_prefetch(columns + (throws.piece[i] >> static_cast<unsigned>(shift)));
+    for (std::uint32_t i = 0; i < count; i += static_cast<std::uint32_t>(hn::Lanes(d)))
+        hn::Store(pick_by_word(*block.table, hn::Load(du, throws.piece + i)), du, throws.piece + i);
+    for (std::uint32_t i = 0; i < count; ++i) __builtin_prefetch(block.records + throws.piece[i]);
 }
 
 /// Two floats in lanes of 64 bits.
@@ -137,9 +146,9 @@ void throw_all(const TriangleBlock& block, const LineKeys& keys, std::uint32_t f
     std::size_t size = out.size();
     for (std::uint32_t done = 0; done < count; done += kLineChunk) {
         const std::uint32_t n = std::min(kLineChunk, count - done);
-        draw(block, keys, rounds, first + done, n, throws);
-        for (std::uint32_t i = 0; i < n; ++i) __builtin_prefetch(block.records + throws.piece[i]);
-        out.resize(size + kChunkRoom);
+        draw(keys, rounds, first + done, n, throws);
+        pick(block, n, throws);
+        out.resize(size + n + hn::Lanes(d));
         size += place(block, throws, n, out.data() + size);
     }
     out.resize(size);
