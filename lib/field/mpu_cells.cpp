@@ -463,7 +463,9 @@ void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const {
     thread_local std::vector<std::size_t> number;
     lanes.clear();
     number.clear();
+    constexpr std::size_t kAhead = 16;
     for (std::size_t i = 0; i < lines.count; ++i) {
+        if (i + kAhead < lines.count) __builtin_prefetch(cells_.data() + lines.cell[i + kAhead]);
         const MpuCell& cell = cells_[lines.cell[i]];
         if (cell.sharp || cell.leaf_count > kMpuLaneLeaves) {
             AxisLines one{a, 1, lines.cell + i, {}, lines.lo + i, lines.hi + i};
@@ -471,7 +473,9 @@ void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const {
             SurfaceCells::cross_along(one, {out.root + i, {out.gradient[0] + i, out.gradient[1] + i, out.gradient[2] + i}});
             continue;
         }
-        MpuLaneLine lane{leaves_of(cell), {}, 0, 0, 0, {}};
+        const auto leaves = leaves_of(cell);
+        __builtin_prefetch(leaves.data());
+        MpuLaneLine lane{leaves, {}, 0, 0, 0, {}};
         for (std::size_t k = 0; k < 2; ++k)
             lane.at[k] = (lines.at[axes[k]][i] - first[static_cast<int>(axes[k])]) / field_.size();
         lane.lo = (lines.lo[i] - first[along]) / field_.size();
