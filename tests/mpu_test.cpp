@@ -9,6 +9,9 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "field/mpu_cells.hpp"
+#include "field/mpu_gradients.hpp"
+#include "field/mpu_lines.hpp"
+#include "simd_targets.hpp"
 
 namespace pellucid {
 namespace {
@@ -223,6 +226,95 @@ TEST(MpuCells, LinesCrossAClosedSurfaceInPairsWhereItIs) {
         crossed += roots.size();
     }
     EXPECT_EQ(crossed, 120U);
+}
+
+TEST(MpuCells, GradientsOfManyPlacesEqualThoseOfOneOnEveryInstructionSet) {
+    const MpuField field(ellipsoid(3000));
+    const MpuCells cells(field);
+    std::size_t compared = 0;
+    for (std::size_t i = 0; i < cells.count(); i += 1 + cells.count() / 50) {
+        const MpuCell& cell = cells.cells()[i];
+        if (cell.sharp) continue;
+        const SurfaceCell box = cells.cell(i);
+        std::array<Vec3, kMpuPlaces> at;
+        MpuPlaces places;
+        for (std::size_t lane = 0; lane < kMpuPlaces; ++lane) {
+            // Some beyond the cell, where fewer leaves of its list reach.
+            const double share = -1 + 0.4 * static_cast<double>(lane);
+            at[lane] = box.tight.lo + share * box.tight.size();
+            const Vec3 x = field.to_unit(at[lane]);
+            for (std::size_t k = 0; k < 3; ++k) places[k][lane] = x[static_cast<int>(k)];
+        }
+        for (const std::int64_t target : simd_targets()) {
+            const ChosenTarget chosen(target);
+            const MpuPlaces got = mpu_gradients(field.leaves().data(), cells.leaves_of(cell), places);
+            for (std::size_t lane = 0; lane < kMpuPlaces; ++lane) {
+                const Vec3 expected = mpu_gradient(field, cells.leaves_of(cell), at[lane]);
+                for (std::size_t k = 0; k < 3; ++k) {
+                    ASSERT_EQ(got[k][lane], expected[static_cast<int>(k)]) << hwy::TargetName(target);
+                    ++compared;
+                }
+            }
+        }
+    }
+    EXPECT_GT(compared, 1000U);
+}
+
+TEST(MpuCells, LinesHaveTheSameRootsForAnyNeighboursOnEveryInstructionSet) {
+    const MpuField field(ellipsoid(3000));
+    const MpuCells cells(field);
+    constexpr std::size_t kLines = 301;
+    for (std::size_t axis = 0; axis < 3; ++axis) {
+        std::vector<std::uint32_t> cell;
+        std::array<std::vector<double>, 3> at;
+        std::vector<double> lo, hi;
+        for (std::size_t i = 0; cell.size() < kLines; i = (i + 7) % cells.count()) {
+            if (!cells.cells()[i].monotone(axis)) continue;
+            const SurfaceCell box = cells.cell(i);
+            const double share = static_cast<double>(cell.size()) / kLines;
+            cell.push_back(static_cast<std::uint32_t>(i));
+            for (std::size_t k = 0; k < 3; ++k) {
+                const auto a = static_cast<int>(k);
+                at[k].push_back(box.tight.lo[a] + (k == 0 ? share : 1 - share) * box.tight.size()[a]);
+            }
+            lo.push_back(box.tight.lo[static_cast<int>(axis)]);
+            hi.push_back(box.tight.hi[static_cast<int>(axis)]);
+        }
+        struct Found {
+            std::vector<double> root = std::vector<double>(kLines, 0);
+            std::array<std::vector<double>, 3> gradient{std::vector<double>(kLines, 0), std::vector<double>(kLines, 0),
+                                                        std::vector<double>(kLines, 0)};
+        };
+        const auto cross = [&](std::size_t begin, std::size_t end, Found& out) {
+            AxisLines lines{axis, end - begin, cell.data() + begin, {}, lo.data() + begin, hi.data() + begin};
+            AxisRoots roots{out.root.data() + begin, {}};
+            for (std::size_t k = 0; k < 3; ++k) {
+                lines.at[k] = at[k].data() + begin;
+                roots.gradient[k] = out.gradient[k].data() + begin;
+            }
+            cells.cross_along(lines, roots);
+        };
+        Found single;
+        for (std::size_t i = 0; i < kLines; ++i) cross(i, i + 1, single);
+        std::size_t met = 0;
+        for (const std::int64_t target : simd_targets()) {
+            const ChosenTarget chosen(target);
+            Found batch;
+            cross(0, 5, batch);
+            cross(5, kLines, batch);
+            for (std::size_t i = 0; i < kLines; ++i) {
+                ASSERT_EQ(std::isnan(single.root[i]), std::isnan(batch.root[i])) << hwy::TargetName(target);
+                if (std::isnan(single.root[i])) continue;
+                ++met;
+                ASSERT_EQ(single.root[i], batch.root[i]) << hwy::TargetName(target);
+                for (std::size_t k = 0; k < 3; ++k) ASSERT_EQ(single.gradient[k][i], batch.gradient[k][i]);
+                Vec3 place(at[0][i], at[1][i], at[2][i]);
+                place[static_cast<int>(axis)] = single.root[i];
+                EXPECT_NEAR(field.value(place), 0, 1e-10);
+            }
+        }
+        EXPECT_GT(met, 100U);
+    }
 }
 
 TEST(MpuCells, WhereThereAreNoPointsThereIsNoSurface) {

@@ -3,6 +3,7 @@
 
 #include <numeric>
 
+#include "core/parallel.hpp"
 #include "sample/make_sources.hpp"
 #include "sample/mesh_sampler.hpp"
 #include "scene_testing.hpp"
@@ -66,6 +67,118 @@ TEST(SurfaceMesh, TorusHasItsAreaAndIsClosed) {
         EXPECT_GT(t.error, 0.1 * cell * cell / (8 * 0.4));
     }
     EXPECT_LT(last, 1e-3);
+}
+
+/// Edges of one triangle only lie in the bounds' faces.
+void expect_closed_inside(const SurfaceTriangles& t, const FieldSurface& surface, const std::string& what) {
+    std::map<std::pair<std::uint32_t, std::uint32_t>, int> balance;  // forward less backward
+    for (const auto& triangle : t.mesh.triangles)
+        for (std::size_t k = 0; k < 3; ++k) {
+            const std::uint32_t a = triangle[k];
+            const std::uint32_t b = triangle[(k + 1) % 3];
+            balance[std::minmax(a, b)] += a < b ? 1 : -1;
+        }
+    const Affine back = surface.to_world.inverse();
+    std::size_t open = 0;
+    for (const auto& [edge, sum] : balance) {
+        if (sum == 0) continue;
+        ++open;
+        const Vec3 p = back.point(t.mesh.positions[edge.first]);
+        const Vec3 q = back.point(t.mesh.positions[edge.second]);
+        const Vec3 hair = 1e-9 * surface.bounds.size();
+        bool on_face = false;
+        for (int axis = 0; axis < 3; ++axis)
+            for (const double face : {surface.bounds.lo[axis], surface.bounds.hi[axis]})
+                on_face = on_face || (std::abs(p[axis] - face) <= hair[axis] && std::abs(q[axis] - face) <= hair[axis]);
+        ASSERT_TRUE(on_face) << what;
+    }
+    EXPECT_EQ(t.dropped, 0U) << what;
+    EXPECT_GT(balance.size(), 2000U) << what << ' ' << open;
+}
+
+TEST(SurfaceMesh, EveryEdgeInsideTheBoundsBelongsToTwoTriangles) {
+    // Formulas of many genera, some cut by their bounds, none a multiple of the block's eight cells.
+    const std::string wavy = "bounds = [[-1, -1.2, -1], [1, 1, 1.1]]";
+    for (const std::string& body :
+         {std::string("expression = \"sin(5*x)*cos(4*y)+sin(5*y)*cos(4*z)+sin(5*z)*cos(4*x)\"\n") + wavy,
+          std::string("expression = \"(x^2+y^2+z^2-0.5)^2-0.05*x*y*z-0.01\"\n") + wavy + "\nscale = [2, -1, 3]",
+          std::string("expression = \"x*y*z\"\n") + wavy,  // planes that cross, through nodes of the grid
+          std::string("implicit = \"hyperboloid\""), std::string("implicit = \"torus\"")}) {
+        const PreparedScene scene = scene_of(body);
+        const FieldSurface surface = *scene.objects[0].geometry->field_surface();
+        expect_closed_inside(tessellate(surface, 45), surface, body);
+    }
+}
+
+TEST(SurfaceMesh, IsosurfacesAndPointsAreClosedInside) {
+    const fs::path folder = test_folder();
+    put_volume(folder / "ball.nrrd", {24, 24, 24}, sampled({24, 24, 24}, [](const Vec3& at) {
+                   const Vec3 p = (at + 0.5) / 12.0 - 1.0;
+                   return length(p) + 0.2 * std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z);
+               }), {1, 1, 2});
+    std::string points;
+    for (int i = 0; i < 4000; ++i) {
+        const double z = 1 - (2.0 * i + 1) / 4000;
+        const double angle = 2.399963229728653 * i;  // Fibonacci's
+        const double r = std::sqrt(1 - z * z);
+        points += fmt::format("{0} {1} {2} {0} {1} {2}\n", r * std::cos(angle), r * std::sin(angle), z);
+    }
+    put(folder / "ball.xyz", points);
+    const std::string volume = "volume = \"" + (folder / "ball.nrrd").string() + "\"";
+    for (const std::string& body : {"isosurface = { " + volume + ", isovalue = 0.7 }",
+                                   "isosurface = { " + volume + ", isovalue = 0.7, interpolation = \"catmull-rom\" }",
+                                   "points = \"" + (folder / "ball.xyz").string() + "\""}) {
+        const PreparedScene scene = scene_of(body);
+        const FieldSurface surface = *scene.objects[0].geometry->field_surface();
+        const SurfaceTriangles t = tessellate(surface, 50);
+        expect_closed_inside(t, surface, body);
+        const Affine back = surface.to_world.inverse();
+        for (std::size_t i = 0; i < t.mesh.positions.size(); i += 7) {
+            const Vec3 p = back.point(t.mesh.positions[i]);
+            ASSERT_LT(std::abs(surface.field->value(p)), 1e-9 * length(surface.field->gradient(p)) * length(surface.bounds.size()));
+            ASSERT_NEAR(length(t.mesh.normals[i]), 1, 1e-12);
+        }
+    }
+}
+
+TEST(SurfaceMesh, IsTheSameForAnyNumberOfThreads) {
+    const PreparedScene scene = scene_of("expression = \"sin(5*x)*cos(4*y)+sin(5*y)*cos(4*z)+sin(5*z)*cos(4*x)\"\nbounds = [[-1, -1, -1], [1, 1, 1]]");
+    const int before = thread_count();
+    set_thread_count(1);
+    const SurfaceTriangles one = tessellate(scene.objects[0], 70);
+    set_thread_count(4);
+    const SurfaceTriangles four = tessellate(scene.objects[0], 70);
+    set_thread_count(before);
+    EXPECT_EQ(one.mesh.positions, four.mesh.positions);
+    EXPECT_EQ(one.mesh.normals, four.mesh.normals);
+    EXPECT_EQ(one.mesh.triangles, four.mesh.triangles);
+    EXPECT_EQ(one.error, four.error);
+}
+
+TEST(SurfaceMesh, ErrorThatIsToldIsThatOfPlacesAllOverTheTriangles) {
+    const PreparedScene scene = scene_of("implicit = \"torus\"");
+    const SurfaceTriangles t = tessellate_within(scene.objects[0], 2e-3);
+    EXPECT_LE(t.error, 2e-3);
+    double seen = 0;
+    for (const auto& triangle : t.mesh.triangles) {
+        const auto& p = t.mesh.positions;
+        for (int i = 0; i <= 6; ++i)
+            for (int j = 0; i + j <= 6; ++j) {
+                const Vec3 at = (p[triangle[0]] * static_cast<double>(i) + p[triangle[1]] * static_cast<double>(j) +
+                                 p[triangle[2]] * static_cast<double>(6 - i - j)) / 6.0;
+                seen = std::max(seen, std::abs(std::hypot(std::hypot(at.x, at.y) - 1, at.z) - 0.4));
+            }
+    }
+    EXPECT_LT(seen, 1.1 * t.error);
+    EXPECT_GT(seen, 0.8 * t.error);
+}
+
+TEST(SurfaceMesh, FlatObjectsAreTheirOwnTriangles) {
+    const PreparedScene scene = scene_of("rectangle = { u = [1, 0, 0], v = [0, 2, 0] }");
+    const SurfaceTriangles t = tessellate_within(scene.objects[0], 1);
+    EXPECT_EQ(t.mesh.triangles.size(), 2U);
+    EXPECT_NEAR(area_of(t.mesh), 8, 1e-12);
+    EXPECT_EQ(t.error, 0);
 }
 
 TEST(SurfaceMesh, EndsAtTheBoundsExactlyAndFollowsTheMap) {

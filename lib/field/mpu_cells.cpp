@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <optional>
 
 #include "core/parallel.hpp"
+#include "field/mpu_gradients.hpp"
 #include "field/mpu_lanes.hpp"
 #include "field/mpu_lines.hpp"
 #include "field/safeguarded_newton.hpp"
@@ -35,6 +37,9 @@ constexpr int kUnsureRoots = 3;
 /// Pieces that a line may cost in one cell, and how often they are halved.
 constexpr int kMostPieces = 512;
 constexpr int kMostHalvings = 24;
+
+/// Rounding of values in the unit cube, with room.
+constexpr double kValueSlack = 1e-13;
 
 [[nodiscard]] bool positive(double value) { return value >= 0; }
 
@@ -88,13 +93,16 @@ struct MpuCells::Builder {
     }
 
     enum class Nearness { nowhere, far, part, near };
-    /// Whether what the box has of the surface is near points; boxes are cut for it until they are half the reach.
-    [[nodiscard]] Nearness nearness(const List& list, const Box& box) const {
+    /// Whether what the box has of the surface is near points; boxes are cut for it until they are half the reach. `known`:
+    /// set to the box's range where that had to be found.
+    [[nodiscard]] Nearness nearness(const List& list, const Box& box, std::optional<MpuRange>* known = nullptr) const {
         const double half = half_diagonal(box);
         const double d = field.tree().distance(box.center(), reach + half);
         if (d >= reach + half) return Nearness::far;
         if (d + half <= reach) return Nearness::near;
-        if (!field.range(list, box).value.has_zero()) return Nearness::nowhere;
+        const MpuRange range = field.range(list, box);
+        if (known != nullptr) *known = range;
+        if (!range.value.has_zero()) return Nearness::nowhere;
         if (half <= 0.5 * reach) return d <= reach ? Nearness::near : Nearness::far;
         bool near = false;
         bool far = false;
@@ -110,10 +118,34 @@ struct MpuCells::Builder {
         return near && far ? Nearness::part : near ? Nearness::near : far ? Nearness::far : Nearness::nowhere;
     }
 
+    /// field.range at a place: f, with its slack.
+    [[nodiscard]] Interval value_at(const List& list, const Vec3& place) const {
+        double sum = 0;
+        double weights = 0;
+        for (const std::uint32_t number : list) {
+            const MpuLeaf& leaf = field.leaves()[number];
+            const double edge = leaf.edge;
+            const Vec3 u = (place - Vec3(leaf.center[0], leaf.center[1], leaf.center[2])) / edge;
+            const MpuWeight w(dot(u, u));
+            if (!(w.value > 0)) continue;
+            weights += w.value;
+            std::array<double, 3> q{};
+            for (std::size_t k = 0; k < piece_count(leaf.join); ++k) {
+                Quadric quadric;
+                std::ranges::copy(field.piece(leaf, k), quadric.c.begin());
+                q[k] = edge * quadric.value(u);
+            }
+            sum += w.value * q[deciding_piece(leaf.join, q)];
+        }
+        if (!(weights > 0)) return Interval::everything(true);
+        const double f = sum / weights;
+        return {f - kValueSlack, f + kValueSlack};
+    }
+
     /// The box of those x in `box` where f may be 0: f(c) + Σ g_j (x_j − c_j) solved for each x_i in turn. False if none.
     [[nodiscard]] bool shrink(const List& list, const MpuRange& range, Box& box) const {
         const Vec3 c = box.center();
-        const Interval f = field.range(list, {c, c}).value;
+        const Interval f = value_at(list, c);
         std::array<Interval, 3> off;
         for (std::size_t k = 0; k < 3; ++k) {
             const auto axis = static_cast<int>(k);
@@ -160,18 +192,22 @@ struct MpuCells::Builder {
         for (const std::uint32_t number : list)
             if (field.leaves()[number].join != Join::one) return false;
         std::array<Interval, 3> seen{Interval::nothing(), Interval::nothing(), Interval::nothing()};
-        for (int i = 0; i < kPlacesSeen; ++i) {
-            const Vec3 share = i < 8 ? Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1)
-                                     : i < 14 ? Vec3((i - 8) / 2 == 0 ? i & 1 : 0.5, (i - 8) / 2 == 1 ? i & 1 : 0.5,
-                                                     (i - 8) / 2 == 2 ? i & 1 : 0.5)
-                                              : Vec3(0.5);
-            const Vec3 place = field.bounds().lo + field.size() * (box.lo + share * box.size());
-            const Vec3 g = mpu_gradient(field, list, place);
-            for (std::size_t k = 0; k < 3; ++k) {
-                const double slope = g[static_cast<int>(k)];
-                seen[k] = Interval(std::min(seen[k].lo, slope), std::max(seen[k].hi, slope));
+        // Corners first: often they say that the rest need not be asked.
+        for (int first = 0; first < kPlacesSeen; first += static_cast<int>(kMpuPlaces)) {
+            MpuPlaces places;
+            for (std::size_t lane = 0; lane < kMpuPlaces; ++lane) {
+                const int i = std::min(first + static_cast<int>(lane), kPlacesSeen - 1);
+                const Vec3 share = i < 8 ? Vec3(i & 1, (i >> 1) & 1, (i >> 2) & 1)
+                                         : i < 14 ? Vec3((i - 8) / 2 == 0 ? i & 1 : 0.5, (i - 8) / 2 == 1 ? i & 1 : 0.5,
+                                                         (i - 8) / 2 == 2 ? i & 1 : 0.5)
+                                                  : Vec3(0.5);
+                const Vec3 place = field.to_unit(field.bounds().lo + field.size() * (box.lo + share * box.size()));
+                for (std::size_t k = 0; k < 3; ++k) places[k][lane] = place[static_cast<int>(k)];
             }
-            if (i > 0 && seen[0].has_zero() && seen[1].has_zero() && seen[2].has_zero()) return false;
+            const MpuPlaces g = mpu_gradients(field.leaves().data(), list, places);
+            for (std::size_t k = 0; k < 3; ++k)
+                for (const double slope : g[k]) seen[k] = Interval(std::min(seen[k].lo, slope), std::max(seen[k].hi, slope));
+            if (seen[0].has_zero() && seen[1].has_zero() && seen[2].has_zero()) return false;
         }
         for (std::size_t k = 0; k < 3; ++k) {
             const double room = kRoomBeyondSeen * seen[k].width() + kLeastRoom;
@@ -183,13 +219,14 @@ struct MpuCells::Builder {
     void look(const List& list, const Cube& cube, int cuts, bool surely_near, Kept& kept) const {
         const Box whole = cube.box();
         bool split = false;
+        std::optional<MpuRange> known;
         if (!surely_near) {
-            const Nearness near = nearness(list, whole);
+            const Nearness near = nearness(list, whole, &known);
             if (near == Nearness::far || near == Nearness::nowhere) return;
             surely_near = near == Nearness::near;
             split = !surely_near;
         }
-        MpuRange range = field.range(list, whole);
+        MpuRange range = known ? *known : field.range(list, whole);
         if (!range.value.has_zero()) return;
         Box tight = whole;
         if (!split) {
@@ -426,7 +463,9 @@ void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const {
     thread_local std::vector<std::size_t> number;
     lanes.clear();
     number.clear();
+    constexpr std::size_t kAhead = 16;
     for (std::size_t i = 0; i < lines.count; ++i) {
+        if (i + kAhead < lines.count) __builtin_prefetch(cells_.data() + lines.cell[i + kAhead]);
         const MpuCell& cell = cells_[lines.cell[i]];
         if (cell.sharp || cell.leaf_count > kMpuLaneLeaves) {
             AxisLines one{a, 1, lines.cell + i, {}, lines.lo + i, lines.hi + i};
@@ -434,7 +473,9 @@ void MpuCells::cross_along(const AxisLines& lines, const AxisRoots& out) const {
             SurfaceCells::cross_along(one, {out.root + i, {out.gradient[0] + i, out.gradient[1] + i, out.gradient[2] + i}});
             continue;
         }
-        MpuLaneLine lane{leaves_of(cell), {}, 0, 0, 0, {}};
+        const auto leaves = leaves_of(cell);
+        __builtin_prefetch(leaves.data());
+        MpuLaneLine lane{leaves, {}, 0, 0, 0, {}};
         for (std::size_t k = 0; k < 2; ++k)
             lane.at[k] = (lines.at[axes[k]][i] - first[static_cast<int>(axes[k])]) / field_.size();
         lane.lo = (lines.lo[i] - first[along]) / field_.size();

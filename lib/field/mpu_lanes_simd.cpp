@@ -1,6 +1,7 @@
 #include "field/mpu_lanes.hpp"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 #include <limits>
 
@@ -48,6 +49,11 @@ inline constexpr D d;
 /// Number of c_ab in MpuLeaf::q.
 constexpr std::size_t kMixed[3][3] = {{4, 7, 8}, {7, 5, 9}, {8, 9, 6}};
 
+/// 1/2^k, by the bits of its exponent: what edges of an octree's leaves are.
+[[nodiscard]] double over_power_of_two(float x) {
+    return static_cast<double>(std::bit_cast<float>(0x7f000000U - std::bit_cast<std::uint32_t>(x)));
+}
+
 /// The fits that reach a line between its ends; how many.
 template <std::size_t a>
 std::size_t restrict_fits(const MpuLeaf* leaves, const MpuLaneLine& line, std::size_t lane, LaneFits& fits) {
@@ -64,14 +70,14 @@ std::size_t restrict_fits(const MpuLeaf* leaves, const MpuLaneLine& line, std::s
         const double u = line.at[0] - static_cast<double>(leaf.center[b]);
         const double v = line.at[1] - static_cast<double>(leaf.center[c]);
         const double ahead = std::abs(line_middle - static_cast<double>(leaf.center[a])) - line_half;
-        const double beside = ahead > 0 ? ahead : 0.0;
+        const double beside = 0.5 * (ahead + std::abs(ahead));  // the larger of it and 0, exactly, without a branch
         reach[count] = number;
         count += u * u + v * v + beside * beside < kMpuSupport2 * (edge * edge) ? 1U : 0U;
     }
     for (std::size_t n = 0; n < count; ++n) {
         const MpuLeaf& leaf = leaves[reach[n]];
         const double edge = leaf.edge;
-        const double per = 1 / edge;
+        const double per = over_power_of_two(leaf.edge);
         const double middle = leaf.center[a];
         const double u = (line.at[0] - static_cast<double>(leaf.center[b])) * per;
         const double v = (line.at[1] - static_cast<double>(leaf.center[c])) * per;
@@ -94,13 +100,11 @@ std::size_t restrict_fits(const MpuLeaf* leaves, const MpuLaneLine& line, std::s
     return count;
 }
 
+// At the ball's surface rest is 0 to the last bit.
+static_assert(kMpuPerEdge2 * kMpuSupport2 == 2.25);
+/// Rows without a fit: beyond a ball, of weight 0. What else is in them is of another line, and finite.
 void clear_fits(std::size_t from, std::size_t to, std::size_t lane, LaneFits& fits) {
-    for (std::size_t n = from; n < to; ++n) {
-        for (auto* row : {fits.a0, fits.a1, fits.a2, fits.middle, fits.per, fits.off[0], fits.off[1], fits.across[0],
-                          fits.across[1], fits.bend[0], fits.bend[1]})
-            row[n][lane] = 0;
-        fits.near2[n][lane] = 2 * kMpuSupport2;  // beyond its ball: of weight 0
-    }
+    for (std::size_t n = from; n < to; ++n) fits.near2[n][lane] = 2 * kMpuSupport2;
 }
 
 struct LaneWeight {
@@ -256,6 +260,10 @@ void cross_axis(const MpuLeaf* leaves, std::span<MpuLaneLine> lines) {
     const std::size_t lanes = hn::Lanes(d);
     for (std::size_t i = 0; i < lines.size(); i += lanes) {
         const std::size_t n = std::min(lanes, lines.size() - i);
+        // Lists two vectors ahead, the leaves that they name one.
+        for (std::size_t k = i + 2 * lanes; k < std::min(i + 3 * lanes, lines.size()); ++k)
+            for (std::size_t byte = 0; byte < lines[k].leaves.size_bytes(); byte += 64)
+                __builtin_prefetch(reinterpret_cast<const char*>(lines[k].leaves.data()) + byte);
         if (i + lanes < lines.size())
             for (std::size_t k = 0; k < std::min(lanes, lines.size() - i - lanes); ++k)
                 for (const std::uint32_t leaf : lines[i + lanes + k].leaves) __builtin_prefetch(leaves + leaf);

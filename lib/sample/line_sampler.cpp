@@ -257,6 +257,7 @@ LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32
         flat_parts_ = flats_.size();
         flats_.insert(flats_.end(), weights.parts.begin(), weights.parts.end());
         add_blocks(Kind::flat_patches, 0, 1, 0, weights.patch_weights);
+        make_records();
         add_blocks(Kind::flat_parts, 0, 1, flat_parts_, weights.part_weights);
         for (int axis = 0; axis < 3; ++axis)
             add_blocks(Kind::cells, axis, 1, 0, weights.cells[static_cast<std::size_t>(axis)]);
@@ -618,6 +619,31 @@ struct LineSampler::Bits {
     std::array<std::uint32_t, 4> first, second;
 };
 
+/// Whole triangles of a mesh, for throw_triangles.
+void LineSampler::make_records() {
+    records_.resize(flat_parts_);
+    constexpr std::size_t kAtOnce = 4096;
+    parallel_for(flat_parts_, kAtOnce, [&](std::size_t begin, std::size_t end) {
+        const TriangleMesh& mesh = *object_->geometry->mesh();
+        for (std::size_t i = begin; i < end; ++i) {
+            const auto& corner = mesh.triangles[flats_[i].triangle];
+            std::array<Vec3, 3> places;
+            for (std::size_t k = 0; k < 3; ++k) places[k] = mesh.positions[corner[k]];
+            const Vec3 flat = cross(places[1] - places[0], places[2] - places[0]);
+            std::array<Vec3, 3> normals;
+            normals.fill(length(flat) > 0 ? camera_->view_vector(normalize(flat)) : Vec3(0.0));
+            if (!mesh.normals.empty())
+                for (std::size_t k = 0; k < 3; ++k) normals[k] = camera_->view_vector(mesh.normals[corner[k]]);
+            for (Vec3& place : places) place = camera_->to_view(place);
+            records_[i] = TriangleRecord(flat_view_, places, normals, flats_[i].bound);
+        }
+    });
+}
+
+TriangleBlock LineSampler::triangle_block(const Block& block) const {
+    return {&flat_view_, records_.data() + block.first, &block.table};
+}
+
 FlatBlock LineSampler::flat_block(const Block& block) const {
     const TriangleMesh* mesh = object_->geometry->mesh();
     const FlatPiece* pieces = flats_.data() + block.first;
@@ -657,17 +683,11 @@ std::optional<LineSampler::Point> LineSampler::finish(const Block& block, std::u
     Vec3 normal = cross(edges[0], edges[1]);
     const TriangleMesh* mesh = object_->geometry->mesh();
     const bool smooth = mesh != nullptr && !mesh->normals.empty();
-    if (clipped_ || painted() || (smooth && flat.part >= 0)) {
+    if (clipped_ || painted() || smooth) {
         const Vec3 world = position(0) + u * edges[0] + v * edges[1];
         if (clipped_ && !object_->keeps(world)) return std::nullopt;
         if (painted()) return paint(view, world, normal, choice);
-        if (smooth && flat.part >= 0)
-            normal = object_->geometry->shading_normal(own_patches_[flat.triangle], world, normal);
-    }
-    if (smooth && flat.part < 0) {
-        const auto& n = mesh->normals;
-        const Vec3 shading = (1 - u - v) * n[corner[0]] + u * n[corner[1]] + v * n[corner[2]];
-        if (shading != Vec3(0.0)) normal = shading;  // normals of the file may cancel; only zero is unusable
+        if (smooth) normal = object_->geometry->shading_normal(own_patches_[flat.triangle], world, normal);
     }
     return Point{view, camera_->view_vector(normal)};
 }
@@ -723,7 +743,12 @@ std::optional<LineSampler::Point> LineSampler::trial_on(const Block& block, cons
     LinePoint found;
     bool kept = false;
     switch (block.kind) {
-        case Kind::flat_patches:
+        case Kind::flat_patches: {
+            Point point{};
+            if (!throw_triangle(triangle_block(block), bits.first, point)) return std::nullopt;
+            if (clipped_ && !object_->keeps(camera_->to_world(point.view))) return std::nullopt;
+            return point;
+        }
         case Kind::flat_parts:
             kept = throw_flat(flat_view_, flat_block(block), piece, bits.u(), bits.v(), bits.chance(), found);
             break;
@@ -791,6 +816,15 @@ void LineSampler::trials_in_block(std::size_t block, Seed seed, std::uint32_t re
         return;
     }
     const LineKeys keys{seed.value, object_id_, repeat, static_cast<std::uint32_t>(block)};
+    if (b.kind == Kind::flat_patches) {
+        const auto before = static_cast<std::ptrdiff_t>(out.size());
+        throw_triangles(triangle_block(b), keys, first, count, out);
+        if (clipped_) {
+            const auto gone = [&](const Point& point) { return !object_->keeps(camera_->to_world(point.view)); };
+            out.erase(std::remove_if(out.begin() + before, out.end(), gone), out.end());
+        }
+        return;
+    }
     LineWords words;
     PointChunk chunk;
     for (std::uint32_t done = 0; done < count;) {
@@ -1038,6 +1072,7 @@ void LineSampler::lines_in_block(std::size_t block, Seed seed, std::uint32_t gro
 std::size_t LineSampler::bytes() const {
     std::size_t sum = pieces_.capacity() * sizeof(Piece) + parts_.capacity() * sizeof(Body) +
                       cells_.capacity() * sizeof(CellRecord) + flats_.capacity() * sizeof(FlatPiece) +
+                      records_.capacity() * sizeof(TriangleRecord) +
                       own_positions_.capacity() * sizeof(Vec3) +
                       own_triangles_.capacity() * sizeof(own_triangles_[0]) +
                       own_patches_.capacity() * sizeof(std::uint32_t) +

@@ -12,7 +12,8 @@
 //   trilinear cells      lines along the edges of the cell               K = 1           edge_lines.hpp
 //   formulas' cells      lines along the one edge that suits     K = 1           field_lines.hpp
 //   … where none does    lines along all edges of the cell       K by degree and intervals
-//   flat bodies          uniform points                                  K = 1           edge_lines.hpp
+//   triangles            uniform points                                  K = 1           triangle_throws.hpp
+//   other flat bodies    uniform points                                  K = 1           edge_lines.hpp
 //   parts of cut cells   uniform random lines through the piece's body   K = max_crossings;
 //                        then V = K · Crofton's area / least s, and w is paid in trials
 //
@@ -40,6 +41,7 @@
 #include "sample/field_lines.hpp"
 #include "sample/particle_set.hpp"
 #include "sample/particle_source.hpp"
+#include "sample/triangle_throws.hpp"
 #include "scene/prepared_scene.hpp"
 
 namespace pellucid {
@@ -135,6 +137,8 @@ private:
     [[nodiscard]] double field_reach(const SurfaceCell& cell, const Box& box, std::size_t axis) const;
     void add_blocks(Kind kind, int axis, int labels, std::size_t offset, std::span<const double> weights);
 
+    void make_records();
+    [[nodiscard]] TriangleBlock triangle_block(const Block& block) const;
     [[nodiscard]] FlatBlock flat_block(const Block& block) const;
     [[nodiscard]] CellBlock cell_block(const Block& block) const;
     [[nodiscard]] FieldBlock field_block(const Block& block) const;
@@ -184,6 +188,7 @@ private:
     std::shared_ptr<const FieldPrograms> programs_;
     std::shared_ptr<Doubts> doubts_;
     std::vector<FlatPiece> flats_;
+    std::vector<TriangleRecord> records_;  // of flats_ that are whole patches
     std::size_t flat_parts_ = 0;       // the first of flats_ that is a part, once all are there
     std::vector<Vec3> own_positions_;  // of flat bodies that are no whole triangle of a mesh
     std::vector<std::array<std::uint32_t, 3>> own_triangles_;

@@ -3,20 +3,21 @@
 #include <algorithm>
 #include <bit>
 #include <cmath>
-#include <numeric>
 #include <memory>
+#include <numeric>
 #include <optional>
 
-#include <gts.h>
-
 #include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "field/safeguarded_newton.hpp"
+#include "sample/marching_blocks.hpp"
 
 namespace pellucid {
 namespace {
 
-/// Nodes of a block along an axis, less one: what is excluded at once.
-constexpr int kBlockCells = 8;
 constexpr int kNewtonSteps = 4;
+/// Vertices, or triangles, that a thread takes at a time.
+constexpr std::size_t kAtOnce = 256;
 constexpr double kRoom = 1e-3;
 /// Of a cell: Newton's method leaves far less, but beside nodes and kinks.
 constexpr double kNearRoot = 0.1;
@@ -94,7 +95,7 @@ void widen_where_closed(FieldSurface& surface, const Vec3& room) {
     return value <= 0.5 * beside;
 }
 
-// ---- Marching Tetrahedra
+// ---- Marching Cubes
 
 class FieldGrid {
 public:
@@ -106,196 +107,206 @@ public:
         for (int axis = 0; axis < 3; ++axis) {
             const auto a = static_cast<std::size_t>(axis);
             cells_[a] = std::max(1, static_cast<int>(std::ceil(cells * world[axis] / longest - 1e-9)));
-            blocks_[a] = (cells_[a] + kBlockCells - 1) / kBlockCells;
             spacing_[axis] = size[axis] / cells_[a];
         }
-        find_signs();
     }
 
-    [[nodiscard]] GtsCartesianGrid grid() const {
-        const Vec3& lo = surface_.bounds.lo;
-        return {static_cast<guint>(cells_[0] + 1), static_cast<guint>(cells_[1] + 1), static_cast<guint>(cells_[2] + 1),
-                lo.x, spacing_.x, lo.y, spacing_.y, lo.z, spacing_.z};
-    }
-    [[nodiscard]] const Vec3& spacing() const { return spacing_; }
+    [[nodiscard]] const std::array<int, 3>& cells() const { return cells_; }
 
-    /// Values at the nodes of slice k; in blocks without a zero ±1, which crosses no edge.
-    void slice(gdouble** values, int k) const {
-        for (int i = 0; i <= cells_[0]; ++i)
-            for (int j = 0; j <= cells_[1]; ++j) {
-                const double known = sign_at(i, j, k);
-                double value = known;
-                if (known == 0) {
-                    value = surface_.field->value(node(i, j, k));
-                    if (!std::isfinite(value)) value = 1;  // no surface there: its triangles are dropped
-                }
-                values[i][j] = value;
-            }
+    /// Places at which f is no number count as positive: what is found beside them is dropped.
+    [[nodiscard]] GridSigns signs() const {
+        return {[this](const GridSigns::Node& first, const GridSigns::Node& last) {
+                    const Box box{place(first), place(last)};
+                    if (!surface_.field->excludes(box)) return 0;
+                    const double value = surface_.field->value(box.center());
+                    return !std::isfinite(value) ? 0 : value < 0 ? -1 : 1;
+                },
+                [this](const GridSigns::Node& node) { return surface_.field->value(place(node)) < 0; }};
+    }
+
+    struct Root {
+        Vec3 place, gradient;
+        bool good;  // f vanishes there, and does not only jump
+    };
+    [[nodiscard]] Root root(const GridEdge& edge) const {
+        Vec3 at = place(edge.node);
+        auto next = edge.node;
+        ++next[static_cast<std::size_t>(edge.axis)];
+        const double lo = at[edge.axis];
+        const double hi = place(next)[edge.axis];
+        at[edge.axis] = safeguarded_newton(lo, hi, lo + 0.5 * (hi - lo), edge.rising, [&](double x) {
+            at[edge.axis] = x;
+            const FieldJet jet = surface_.field->jet(at);
+            return std::pair(std::isnan(jet.value) ? kInfinity : jet.value, jet.gradient[edge.axis]);
+        });
+        const FieldJet jet = surface_.field->jet(at);
+        // Beside a pole f rises where it should fall. What looks odd is looked at more closely.
+        const double slope = jet.gradient[edge.axis];
+        const bool plain = std::abs(jet.value) <= kNearRoot * std::abs(slope) * spacing_[edge.axis] &&
+                           (edge.rising ? slope > 0 : slope < 0) && std::abs(slope) < kInfinity;
+        return {at, jet.gradient, plain || is_root(surface_, spacing_, at)};
     }
 
 private:
-    [[nodiscard]] Vec3 node(int i, int j, int k) const {
-        const int at[3] = {i, j, k};
-        Vec3 place;
-        for (int axis = 0; axis < 3; ++axis)
-            place[axis] = at[axis] == cells_[static_cast<std::size_t>(axis)]
-                              ? surface_.bounds.hi[axis]
-                              : surface_.bounds.lo[axis] + at[axis] * spacing_[axis];
-        return place;
-    }
-    [[nodiscard]] std::size_t block(int i, int j, int k) const {
-        return (static_cast<std::size_t>(k) * static_cast<std::size_t>(blocks_[1]) + static_cast<std::size_t>(j)) *
-                   static_cast<std::size_t>(blocks_[0]) +
-               static_cast<std::size_t>(i);
-    }
-    void find_signs() {
-        signs_.assign(block(0, 0, blocks_[2]), 0);
-        for (int k = 0; k < blocks_[2]; ++k)
-            for (int j = 0; j < blocks_[1]; ++j)
-                for (int i = 0; i < blocks_[0]; ++i) {
-                    const auto upper = [&](int b, std::size_t axis) { return std::min(cells_[axis], (b + 1) * kBlockCells); };
-                    const Box box{node(i * kBlockCells, j * kBlockCells, k * kBlockCells),
-                                  node(upper(i, 0), upper(j, 1), upper(k, 2))};
-                    if (!surface_.field->excludes(box)) continue;
-                    const double value = surface_.field->value(box.center());
-                    if (std::isfinite(value)) signs_[block(i, j, k)] = value > 0 ? 1 : -1;
-                }
-    }
-    /// ±1 where every block of the node has that sign, else 0.
-    [[nodiscard]] double sign_at(int i, int j, int k) const {
-        const auto range = [](int node, int count) {
-            const int own = std::min(node / kBlockCells, count - 1);
-            return std::pair{node % kBlockCells == 0 && node > 0 && own > 0 ? own - 1 : own, own};
-        };
-        const auto [i0, i1] = range(i, blocks_[0]);
-        const auto [j0, j1] = range(j, blocks_[1]);
-        const auto [k0, k1] = range(k, blocks_[2]);
-        const int sign = signs_[block(i0, j0, k0)];
-        for (int c = k0; c <= k1; ++c)
-            for (int b = j0; b <= j1; ++b)
-                for (int a = i0; a <= i1; ++a)
-                    if (signs_[block(a, b, c)] != sign) return 0;
-        return sign;
+    [[nodiscard]] Vec3 place(const std::array<int, 3>& node) const {
+        Vec3 at;
+        for (int axis = 0; axis < 3; ++axis) {
+            const auto a = static_cast<std::size_t>(axis);
+            at[axis] = node[a] == cells_[a] ? surface_.bounds.hi[axis] : surface_.bounds.lo[axis] + node[a] * spacing_[axis];
+        }
+        return at;
     }
 
     const FieldSurface& surface_;
-    std::array<int, 3> cells_{}, blocks_{};
+    std::array<int, 3> cells_{};
     Vec3 spacing_{0.0};
-    std::vector<std::int8_t> signs_;  // of a block; 0: not known
 };
-
-void slice_for_gts(gdouble** values, GtsCartesianGrid, guint k, gpointer data) {
-    static_cast<const FieldGrid*>(data)->slice(values, static_cast<int>(k));
-}
-
-gint append_vertex(gpointer item, gpointer data) {
-    auto& positions = *static_cast<std::vector<Vec3>*>(data);
-    GTS_OBJECT(item)->reserved = GUINT_TO_POINTER(static_cast<guint>(positions.size()));
-    const GtsPoint* p = GTS_POINT(item);
-    positions.emplace_back(p->x, p->y, p->z);
-    return 0;
-}
-gint append_face(gpointer item, gpointer data) {
-    GtsVertex* v[3] = {};
-    gts_triangle_vertices(GTS_TRIANGLE(item), &v[0], &v[1], &v[2]);
-    const auto index = [](GtsVertex* vertex) { return std::uint32_t{GPOINTER_TO_UINT(GTS_OBJECT(vertex)->reserved)}; };
-    static_cast<std::vector<std::array<std::uint32_t, 3>>*>(data)->push_back({index(v[0]), index(v[1]), index(v[2])});
-    return 0;
-}
-
-/// GTS keeps its items by their addresses, which differ from run to run: vertices by place, equal ones joined, triangles by
-/// their vertices.
-void put_in_order(TriangleMesh& mesh) {
-    std::vector<std::uint32_t> order(mesh.positions.size());
-    std::iota(order.begin(), order.end(), 0U);
-    const auto before = [](const Vec3& a, const Vec3& b) {
-        return a.z != b.z ? a.z < b.z : a.y != b.y ? a.y < b.y : a.x < b.x;
-    };
-    std::sort(order.begin(), order.end(),
-              [&](std::uint32_t a, std::uint32_t b) { return before(mesh.positions[a], mesh.positions[b]); });
-    std::vector<Vec3> positions;
-    std::vector<std::uint32_t> place(order.size());
-    for (const std::uint32_t i : order) {
-        if (positions.empty() || positions.back() != mesh.positions[i]) positions.push_back(mesh.positions[i]);
-        place[i] = static_cast<std::uint32_t>(positions.size() - 1);
-    }
-    mesh.positions = std::move(positions);
-    for (auto& t : mesh.triangles) {
-        for (std::uint32_t& corner : t) corner = place[corner];
-        std::rotate(t.begin(), std::min_element(t.begin(), t.end()), t.end());
-    }
-    std::sort(mesh.triangles.begin(), mesh.triangles.end());
-}
 
 [[nodiscard]] bool has_area(const std::vector<Vec3>& positions, const std::array<std::uint32_t, 3>& t) {
     const Vec3 normal = cross(positions[t[1]] - positions[t[0]], positions[t[2]] - positions[t[0]]);
     return dot(normal, normal) > 0;
 }
 
-/// To the world, with normals; counter-clockwise seen from outside, where f is positive.
-void finish(const FieldSurface& surface, SurfaceTriangles& out) {
-    TriangleMesh& mesh = out.mesh;
-    const Mat3 inverse_transposed = glm::transpose(surface.to_world.inverse().linear);
+/// Normals of length one or zero, from gradients.
+[[nodiscard]] Vec3 unit_normal(const Mat3& inverse_transposed, const Vec3& gradient) {
+    const Vec3 normal = inverse_transposed * gradient;
+    const double size = length(normal);
+    return size > 0 && size < kInfinity ? normal / size : Vec3(0.0);
+}
+
+/// Of the triangles' middles, by f; of their edges' middles, by the normals at their ends: a quadratic surface over an edge e
+/// with normals n, m is |(m − n)·e|/8 away from its middle. Before places go to the world.
+[[nodiscard]] double error_of(const FieldSurface& surface, const Mat3& inverse_transposed, const TriangleMesh& mesh) {
+    std::vector<double> largest(mesh.triangles.size() / kAtOnce + 1, 0);
+    parallel_for(largest.size(), 1, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t part = begin; part < end; ++part)
+            for (std::size_t i = part * kAtOnce; i < std::min(mesh.triangles.size(), (part + 1) * kAtOnce); ++i) {
+                const auto& t = mesh.triangles[i];
+                const auto& p = mesh.positions;
+                double& most = largest[part];
+                most = std::max(most, distance_from(surface, inverse_transposed, (p[t[0]] + p[t[1]] + p[t[2]]) / 3.0));
+                if (mesh.normals.empty()) continue;
+                for (std::size_t k = 0; k < 3; ++k) {
+                    const std::uint32_t a = t[k];
+                    const std::uint32_t b = t[(k + 1) % 3];
+                    const Vec3 edge = surface.to_world.vector(p[b] - p[a]);
+                    most = std::max(most, std::abs(dot(mesh.normals[b] - mesh.normals[a], edge)) / 8);
+                }
+            }
+    });
+    return *std::max_element(largest.begin(), largest.end());
+}
+
+/// Vertices that no triangle has are left out.
+void leave_out_unused(TriangleMesh& mesh) {
+    std::vector<std::uint32_t> place(mesh.positions.size(), 0);
+    for (const auto& t : mesh.triangles)
+        for (const std::uint32_t corner : t) place[corner] = 1;
+    std::uint32_t kept = 0;
+    for (std::size_t i = 0; i < place.size(); ++i) {
+        if (place[i] == 0) continue;
+        mesh.positions[kept] = mesh.positions[i];
+        mesh.normals[kept] = mesh.normals[i];
+        place[i] = kept++;
+    }
+    mesh.positions.resize(kept);
+    mesh.normals.resize(kept);
+    for (auto& t : mesh.triangles)
+        for (std::uint32_t& corner : t) corner = place[corner];
+}
+
+/// Counter-clockwise seen from where the normals point to, all of them or none.
+void turn_outward(TriangleMesh& mesh) {
+    double sum = 0;
     for (const auto& t : mesh.triangles) {
-        const Vec3 middle = (mesh.positions[t[0]] + mesh.positions[t[1]] + mesh.positions[t[2]]) / 3.0;
-        out.error = std::max(out.error, distance_from(surface, inverse_transposed, middle));
+        const auto& p = mesh.positions;
+        sum += dot(cross(p[t[1]] - p[t[0]], p[t[2]] - p[t[0]]), mesh.normals[t[0]] + mesh.normals[t[1]] + mesh.normals[t[2]]);
     }
-    mesh.normals.reserve(mesh.positions.size());
-    for (Vec3& p : mesh.positions) {
-        const Vec3 gradient = inverse_transposed * surface.field->gradient(p);
-        const double size = length(gradient);
-        mesh.normals.push_back(size > 0 && size < kInfinity ? gradient / size : Vec3(0.0));
-        p = surface.to_world.point(p);
-    }
-    for (auto& t : mesh.triangles) {
-        const Vec3 normal = cross(mesh.positions[t[1]] - mesh.positions[t[0]], mesh.positions[t[2]] - mesh.positions[t[0]]);
-        if (dot(normal, mesh.normals[t[0]] + mesh.normals[t[1]] + mesh.normals[t[2]]) < 0) std::swap(t[1], t[2]);
-    }
-    std::erase_if(mesh.triangles, [&](const auto& t) { return !has_area(mesh.positions, t); });
+    if (sum < 0)
+        for (auto& t : mesh.triangles) std::swap(t[1], t[2]);
 }
 
 }  // namespace
 
+SurfaceTriangles tessellate(const FieldSurface& surface, int cells) {
+    SurfaceTriangles out;
+    out.cells = cells;
+    if (surface.bounds.empty()) return out;
+    const FieldGrid grid(surface, cells);
+    GridTriangles found = march(grid.cells(), grid.signs());
+    TriangleMesh& mesh = out.mesh;
+    mesh.triangles = std::move(found.triangles);
+    const Mat3 inverse_transposed = glm::transpose(surface.to_world.inverse().linear);
+    mesh.positions.resize(found.edges.size());
+    mesh.normals.resize(found.edges.size());
+    std::vector<std::uint8_t> good(found.edges.size());
+    parallel_for(found.edges.size(), kAtOnce, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            const auto root = grid.root(found.edges[i]);
+            mesh.positions[i] = root.place;
+            mesh.normals[i] = unit_normal(inverse_transposed, root.gradient);
+            good[i] = root.good ? 1 : 0;
+        }
+    });
+    out.dropped = std::erase_if(mesh.triangles, [&](const auto& t) { return (good[t[0]] & good[t[1]] & good[t[2]]) == 0; });
+    leave_out_unused(mesh);
+    out.error = error_of(surface, inverse_transposed, mesh);
+    for (Vec3& p : mesh.positions) p = surface.to_world.point(p);
+    turn_outward(mesh);
+    return out;
+}
+
 SurfaceTriangles tessellate(const Object& object, int cells) {
     const FieldSurface surface = field_surface_of(object, "mesh");
-    SurfaceTriangles out;
-    if (surface.bounds.empty() || object.geometry->patch_count() == 0) return out;
-    FieldGrid field(surface, cells);
-    struct Deleter {
-        void operator()(GtsSurface* s) const { gts_object_destroy(GTS_OBJECT(s)); }
-    };
-    const std::unique_ptr<GtsSurface, Deleter> found(
-        gts_surface_new(gts_surface_class(), gts_face_class(), gts_edge_class(), gts_vertex_class()));
-    gts_isosurface_tetra(found.get(), field.grid(), slice_for_gts, &field, 0);
-    std::vector<Vec3>& positions = out.mesh.positions;
-    gts_surface_foreach_vertex(found.get(), append_vertex, &positions);
-    gts_surface_foreach_face(found.get(), append_face, &out.mesh.triangles);
-    put_in_order(out.mesh);
+    if (object.geometry->patch_count() == 0) return {};
+    return tessellate(surface, cells);
+}
 
-    // On the surface; where f only jumps there is none.
-    std::vector<bool> good(positions.size());
-    for (std::size_t i = 0; i < positions.size(); ++i)
-        good[i] = move_to_surface(surface, field.spacing(), positions[i]) && is_root(surface, field.spacing(), positions[i]);
-    const auto before = out.mesh.triangles.size();
-    std::erase_if(out.mesh.triangles, [&](const auto& t) { return !(good[t[0]] && good[t[1]] && good[t[2]]); });
-    out.dropped = before - out.mesh.triangles.size();
-    finish(surface, out);
+SurfaceTriangles tessellate_within(const FieldSurface& surface, double error) {
+    constexpr int kCoarse = 32;
+    constexpr int kMostRounds = 4;
+    SurfaceTriangles out;
+    int cells = kCoarse;
+    for (int round = 0; round < kMostRounds; ++round) {
+        out = tessellate(surface, cells);
+        if (!(out.error > error) || cells == kMostMeshCells) break;
+        // Of second order in the spacing; a tenth more, for the next grid meets other places.
+        const double wanted = 1.1 * cells * std::sqrt(out.error / error);
+        cells = static_cast<int>(std::min<double>(std::ceil(wanted), kMostMeshCells));
+    }
+    return out;
+}
+
+SurfaceTriangles tessellate_within(const Object& object, double error) {
+    const SurfaceGeometry& geometry = *object.geometry;
+    SurfaceTriangles out;
+    if (geometry.patch_count() == 0) return out;
+    if (geometry.field_surface()) return tessellate_within(field_surface_of(object, "mesh"), error);
+    if (geometry.mesh() != nullptr) {
+        out.mesh = *geometry.mesh();
+        return out;
+    }
+    for (std::size_t patch = 0; patch < geometry.patch_count(); ++patch) {
+        const Body body = geometry.body(patch);
+        if (!body.flat()) throw input_error("surface \"{}\": it has no triangles", object.surface.name);
+        const auto first = static_cast<std::uint32_t>(out.mesh.positions.size());
+        const Vec3& a = body.edge[0];
+        const Vec3& b = body.edge[1];
+        const bool four = body.kind == Body::Kind::parallelogram;
+        for (const Vec3& corner : {Vec3(0.0), a, b, a + b}) {
+            if (out.mesh.positions.size() == first + (four ? 4U : 3U)) break;
+            out.mesh.positions.push_back(body.corner + corner);
+            out.mesh.normals.push_back(normalize(cross(a, b)));
+        }
+        out.mesh.triangles.push_back({first, first + 1, first + 2});
+        if (four) out.mesh.triangles.push_back({first + 1, first + 3, first + 2});
+    }
     return out;
 }
 
 int cells_for_error(const Object& object, double error) {
-    constexpr int kCoarse = 32;
-    constexpr int kMostRounds = 3;
-    int cells = kCoarse;
-    for (int round = 0; round < kMostRounds; ++round) {
-        const double seen = tessellate(object, cells).error;
-        if (!(seen > error)) return cells;
-        // Of second order in the spacing; a tenth more, for the next grid meets other places.
-        const double wanted = 1.1 * cells * std::sqrt(seen / error);
-        cells = static_cast<int>(std::min<double>(std::ceil(wanted), kMostMeshCells));
-        if (cells == kMostMeshCells) break;
-    }
-    return cells;
+    const FieldSurface surface = field_surface_of(object, "mesh");
+    return object.geometry->patch_count() == 0 ? 1 : tessellate_within(surface, error).cells;
 }
 
 // ---- Octree
@@ -342,6 +353,26 @@ struct Polygon {
         for (std::size_t k = i; k > 0 && angle(polygon.corner[k]) < angle(polygon.corner[k - 1]); --k)
             std::swap(polygon.corner[k], polygon.corner[k - 1]);
     return polygon;
+}
+
+/// To the world, with normals; counter-clockwise seen from outside, where f is positive.
+void finish(const FieldSurface& surface, SurfaceTriangles& out) {
+    TriangleMesh& mesh = out.mesh;
+    const Mat3 inverse_transposed = glm::transpose(surface.to_world.inverse().linear);
+    out.error = error_of(surface, inverse_transposed, mesh);
+    mesh.normals.resize(mesh.positions.size());
+    parallel_for(mesh.positions.size(), kAtOnce, [&](std::size_t begin, std::size_t end) {
+        for (std::size_t i = begin; i < end; ++i) {
+            Vec3& p = mesh.positions[i];
+            mesh.normals[i] = unit_normal(inverse_transposed, surface.field->gradient(p));
+            p = surface.to_world.point(p);
+        }
+    });
+    for (auto& t : mesh.triangles) {
+        const Vec3 normal = cross(mesh.positions[t[1]] - mesh.positions[t[0]], mesh.positions[t[2]] - mesh.positions[t[0]]);
+        if (dot(normal, mesh.normals[t[0]] + mesh.normals[t[1]] + mesh.normals[t[2]]) < 0) std::swap(t[1], t[2]);
+    }
+    std::erase_if(mesh.triangles, [&](const auto& t) { return !has_area(mesh.positions, t); });
 }
 
 class OctreeBuilder {
