@@ -12,6 +12,7 @@
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
+#include "reference/layer_pool.hpp"
 #include "reference/ray_scene.hpp"
 #include "reference/volume_rays.hpp"
 #include "sample/particle_source.hpp"
@@ -21,7 +22,7 @@ namespace pellucid {
 namespace {
 
 /// Independent sets of sub-rays a pixel: their spread is the error.
-constexpr int kSets = 4;
+constexpr int kSets = kPoolSets;
 /// Strata a side of a set in the pilot, and the least in what is kept.
 constexpr int kPilotStrata = 4;
 /// Strata a side of a set where 16 sub-rays are all that is asked for.
@@ -35,33 +36,23 @@ constexpr double kOpaque = 1e-9;
 /// twice.
 constexpr double kCoincident = 1e-13;
 
-/// Rays through volumes err by at most this share of the standard error that is asked for, …
+/// Rays through volumes err by at most this share of the standard error that is asked for …
 constexpr double kVolumeShare = 1.0 / 20;
-/// … and no more than this.
-constexpr double kVolumeError = 1e-4;
-/// Volumes are pooled in layers of at most this optical depth: within one, what lies in front of what is not known.
-constexpr double kPooledDepth = 0.05;
+/// … and no more than this, whatever was asked for.
+constexpr double kVolumeError = 1e-3;
 
 [[nodiscard]] VolumeRaySettings volume_settings(const TruthSettings& settings) {
     VolumeRaySettings s;
     s.tolerance = std::clamp(kVolumeShare * settings.max_error, 1e-9, kVolumeError);
     if (settings.filter == PixelFilter::particle) {
         s.most_opacity = kMostParticleOpacity;
-        s.most_optical_depth = kPooledDepth;
+        s.pooled = true;
     }
     return s;
 }
 
 struct Rgba {
     double c[4]{};
-};
-
-/// One of the crossings that are pooled for the particle filter.
-struct PooledLayer {
-    double t;
-    double optical_depth;
-    Vec3 color;
-    int set;
 };
 
 /// One of the crossings at one depth of a ray.
@@ -96,7 +87,9 @@ struct Signature {
 class PixelTracer {
 public:
     PixelTracer(const PreparedScene& scene, const RayScene& ray_scene, const TruthSettings& settings)
-        : scene_(scene), ray_scene_(ray_scene), settings_(settings), volumes_(scene, volume_settings(settings)) {}
+        : scene_(scene), ray_scene_(ray_scene), settings_(settings), volumes_(scene, volume_settings(settings)) {
+        pool_error_ = volume_settings(settings).tolerance * std::max(1.0, brightest_color(scene));
+    }
 
     /// Everything about one pixel from kSets sets of strata × strata sub-rays. A pilot has sub-rays of its own:
     /// an estimate that decided when to stop is too small, so it is never the one that is kept.
@@ -105,6 +98,7 @@ public:
         nearest_ = std::numeric_limits<double>::infinity();
         signature = {};
         pool_.clear();
+        pool_share_ = 1.0 / (kSets * strata * strata);
         strata_sums_.assign(static_cast<std::size_t>(strata) * static_cast<std::size_t>(strata), {});
         if (strata == kFewStrata)
             trace_all_sets(x, y);
@@ -125,6 +119,7 @@ public:
     std::uint64_t hits = 0;
     [[nodiscard]] double nearest() const { return nearest_; }
     [[nodiscard]] const IsolationStats& isolation() const { return found_.patch.stats; }
+    [[nodiscard]] std::uint64_t cut_short() const { return volumes_.cut_short(); }
     [[nodiscard]] double worst_error() const {
         return std::sqrt(std::max({variance.c[0], variance.c[1], variance.c[2], variance.c[3]}));
     }
@@ -159,7 +154,7 @@ private:
         static_assert(kSets * kFewStrata * kFewStrata == kPacket);
         std::array<Ray, kPacket> packet;
         RandomStream random(settings_.seed, {.object = static_cast<std::uint32_t>(Purpose::truth_jitter),
-                                             .repeat = static_cast<std::uint32_t>(kFewStrata * kSets) << 14U,
+                                             .repeat = static_cast<std::uint32_t>(stream_ + (kFewStrata * kSets << 14)),
                                              .index = number(x, y)});
         for (int i = 0; i < kPacket; ++i) {
             const double u = ((i & 1) + unit_interval(random())) / kFewStrata;
@@ -186,7 +181,7 @@ private:
         for (const RayHit& hit : list) objects |= std::uint64_t{1} << (hit.object & 63U);
         double clear = 1;
         Rgba sum;
-        if (volumes_.has_volumes()) volumes_.start(ray);
+        if (volumes_.has_volumes()) volumes_.start(ray, pool_share_);
         for (std::size_t i = 0; i < list.size() && clear >= kOpaque;) {
             // Crossings at one depth are mixed, whatever their order.
             std::size_t end = i + 1;
@@ -204,7 +199,7 @@ private:
                     std::max(std::abs(dot(hit.normal, ray.direction)) / (length(hit.normal) * ray_length), 1e-12);
                 const Vec3 color = shade(scene_, object, point, object.geometry->shading_normal(hit.patch, point, hit.normal));
                 if (settings_.filter == PixelFilter::particle) {
-                    pool_.push_back({hit.t, object.optical_depth(cosine, kMostParticleOpacity, share), color, set});
+                    pool_.push_back({hit.t, hit.t, object.optical_depth(cosine, kMostParticleOpacity, share), color, set});
                 } else {
                     mixed_.push_back({object.opacity(cosine, share), color});
                 }
@@ -238,15 +233,17 @@ private:
         layers_.clear();
         volumes_.advance(t, clear, kOpaque, layers_);
         for (const VolumeLayer& layer : layers_) {
-            nearest_ = std::min(nearest_, layer.t);
+            nearest_ = std::min(nearest_, layer.t - layer.half_length);
             if (settings_.filter == PixelFilter::particle) {
-                pool_.push_back({layer.t, layer.optical_depth, layer.color, set});
+                // What has no inside in double is a crossing.
+                const double half = layer.half_length > 1e-11 * std::abs(layer.t) ? layer.half_length : 0;
+                pool_.push_back({layer.t - half, layer.t + half, layer.optical_depth, layer.color, set});
                 continue;
             }
             const double weight = -clear * std::expm1(-layer.optical_depth);
             for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
             sum.c[3] += weight;
-            clear *= std::exp(-layer.optical_depth);
+            clear -= weight;
         }
     }
 
@@ -281,55 +278,23 @@ private:
         }
     }
 
-    /// The composite of the pooled layers, without one of the sets (−1: with all).
-    [[nodiscard]] Rgba composite(int left_out, Rgba* second_moment) const {
-        const int sets = left_out < 0 ? kSets : kSets - 1;
-        const double share = 1.0 / (static_cast<double>(sub_rays_) * sets);
-        Rgba sum;
-        double clear = 1;
-        double known_depth = -1;
-        double alpha = 0;
-        for (const PooledLayer& layer : pool_) {
-            if (layer.set == left_out) continue;
-            if (layer.optical_depth != known_depth) {  // many layers share one: exp is the dearest thing here
-                known_depth = layer.optical_depth;
-                alpha = -std::expm1(-layer.optical_depth * share);
-            }
-            const double weight = clear * alpha;
-            for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
-            sum.c[3] += weight;
-            if (second_moment != nullptr) {
-                for (int c = 0; c < 3; ++c) second_moment->c[c] += weight * layer.color[c] * layer.color[c];
-                second_moment->c[3] += weight;
-            }
-            clear -= weight;
-            if (clear < kOpaque) break;
-        }
-        return sum;
-    }
-
     /// Delete-one-set jackknife: pooling is not linear in the sets, so it takes the bias of order 1/n away too.
     void estimate_pooled() {
-        // Stable: surfaces at equal depth alternate ray by ray, which mixes them by their extinctions, as
-        // particles do that meet at one depth.
-        std::stable_sort(pool_.begin(), pool_.end(), [](const PooledLayer& a, const PooledLayer& b) { return a.t < b.t; });
-        Rgba square;
-        const Rgba all = composite(-1, &square);
+        const PooledColors pooled =
+            volumes_.has_volumes()
+                ? composite_spread(pool_, sub_rays_, kOpaque, pool_error_, layer_tree_)
+                : composite_sorted(pool_, sub_rays_, kOpaque);
         mean = variance = repeat_variance = {};
-        Rgba part[kSets];
-        Rgba average;
-        for (int set = 0; set < kSets; ++set) {
-            part[set] = composite(set, nullptr);
-            for (int c = 0; c < 4; ++c) average.c[c] += part[set].c[c] / kSets;
-        }
-        for (int c = 0; c < 4; ++c) {
-            mean.c[c] = kSets * all.c[c] - (kSets - 1) * average.c[c];
+        for (std::size_t c = 0; c < 4; ++c) {
+            double average = 0;
+            for (const auto& part : pooled.without) average += part[c] / kSets;
+            mean.c[c] = kSets * pooled.all[c] - (kSets - 1) * average;
             if (c == 3) mean.c[c] = std::clamp(mean.c[c], 0.0, 1.0);
-            for (const Rgba& each : part) {
-                const double off = each.c[c] - average.c[c];
+            for (const auto& part : pooled.without) {
+                const double off = part[c] - average;
                 variance.c[c] += off * off * (kSets - 1) / kSets;
             }
-            repeat_variance.c[c] = std::max(0.0, square.c[c] - all.c[c] * all.c[c]);
+            repeat_variance.c[c] = std::max(0.0, pooled.square[c] - pooled.all[c] * pooled.all[c]);
         }
     }
 
@@ -343,6 +308,9 @@ private:
     int stream_ = 0;
     PacketHits found_;
     std::vector<PooledLayer> pool_;
+    LayerTree layer_tree_;
+    double pool_share_ = 1;  // of one sub-ray in the pool
+    double pool_error_ = 0;  // that spreading layers may make
     std::vector<MixedLayer> mixed_;  // of one ray and depth
     struct StratumSums {  // over the sets
         double value[4]{};
@@ -385,6 +353,7 @@ public:
             stats.rays += tracer.rays;
             stats.hits += tracer.hits;
             stats.isolation += tracer.isolation();
+            stats.cut_short += tracer.cut_short();
             done += end - begin;
             progress(static_cast<double>(done) / static_cast<double>(pixels.size()));
         });
@@ -470,10 +439,14 @@ private:
             keep(tracer, i, strata, tracer.signature, false);
             return;
         }
-        tracer.trace(x, y, kPilotStrata, true);
+        // Rays through volumes are dear, and most pixels of them even: a smaller pilot.
+        int pilot = kPilotStrata;
+        if (!scene_.volumes.empty() && strata == kPilotStrata) pilot = strata = kFewStrata;
+        tracer.trace(x, y, pilot, true);
         Signature met = tracer.signature;
+        if (!met.unanimous()) strata = std::max(strata, kPilotStrata);
         // The error falls at least with the strata a side, as the root of the number of sub-rays.
-        const double wanted = kPilotStrata * tracer.worst_error() / settings_.max_error;
+        const double wanted = pilot * tracer.worst_error() / settings_.max_error;
         while (strata < wanted && 2 * strata <= finest()) strata *= 2;
         tracer.trace(x, y, strata, false);
         met.add(tracer.signature);
@@ -546,6 +519,9 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
             truth.trace(pixels, strata, stats);
     truth.add_doubt();
     truth.summarise(stats);
+    if (stats.cut_short > 0)
+        warn("{} of {} rays through volumes needed more than {} halvings: what they saw may err by more than was asked for",
+             stats.cut_short, stats.rays, VolumeRay::kMostHalvings);
     stats.trace_s = watch.lap();
     return std::move(truth.image);
 }
