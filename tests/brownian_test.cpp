@@ -357,6 +357,105 @@ std::pair<double, double> bias_of_opacity(const PreparedScene& scene, const Walk
     return {found.mean(), found.standard_error()};
 }
 
+// ---- fields that end at the surface's edge
+
+/// Mean A of the whole image and of its outermost pixels, a seed each.
+struct WholeAndEdge {
+    MeanVariance whole, edge;
+};
+
+WholeAndEdge opacities(const PreparedScene& scene, SamplerKind kind, bool continued, std::uint32_t repeats) {
+    WholeAndEdge found;
+    const auto width = static_cast<std::size_t>(scene.camera.width());
+    const auto height = static_cast<std::size_t>(scene.camera.height());
+    for (std::uint64_t seed = 0; seed < 8; ++seed) {
+        ParticleSettings settings{.repeats = repeats, .kind = kind, .sampler = {.seed = {seed}}};
+        settings.source.walk = {.step = 0.25, .walkers = 256};  // several steps a walker, a fourth of them across an edge
+        settings.source.walk.twin.continued = continued;
+        RenderStats stats;
+        const Image image = render_particles(scene, settings, stats);
+        MeanVariance whole, edge;
+        for (std::size_t i = 0; i < image.pixel_count(); ++i) {
+            const std::size_t x = i % width, y = i / width;
+            const auto a = static_cast<double>(image.plane("A")[i]);
+            whole.add(a);
+            if (x == 0 || y == 0 || x + 1 == width || y + 1 == height) edge.add(a);
+        }
+        found.whole.add(whole.mean());
+        found.edge.add(edge.mean());
+    }
+    return found;
+}
+
+/// Of 8 seeds, once in 10^4.
+const double kStudent7 = student_critical_value(1e-4, 7);
+double student(const MeanVariance& found, double expected) { return std::abs(found.mean() - expected) / found.standard_error(); }
+
+/// An isosurface as a function of x and y over the whole of its volume, n³ samples, which fills the image.
+PreparedScene open_isosurface(int n, const char* interpolation) {
+    const auto height = [&](const Vec3& p) {
+        const double x = p.x - 0.5 * (n - 1), y = p.y - 0.5 * (n - 1);
+        return n == 2 ? p.z - 0.3 : p.z - 1.7 + 0.15 * x * x - 0.1 * y * y;
+    };
+    const fs::path file = test_folder() / "open.nrrd";
+    put_volume(file, {n, n, n}, sampled({n, n, n}, height));
+    const double middle = 0.5 * (n - 1);
+    return prepare(scene_from(fmt::format(
+        "image.resolution = [48, 48]\n[camera]\nprojection = \"orthographic\"\nposition = [{0}, {0}, 20]\ntarget = [{0}, {0}, 0]\n"
+        "view_height = {1}\n[[surface]]\nopacity = 0.5\n"
+        "isosurface = {{ volume = \"{2}\", isovalue = 0, interpolation = \"{3}\" }}\n",
+        middle, n - 1, file.string(), interpolation)));
+}
+
+// All pixels are wholly covered: A = 0.5 to the edge. The wrong twin has a walker stay where a step would cross the hull.
+TEST(Brownian, IsosurfacesThatEndAtTheirVolumeHaveTheirOpacityToTheEdge) {
+    for (const auto& [n, interpolation] : {std::pair(2, "trilinear"), std::pair(5, "catmull-rom")}) {
+        SCOPED_TRACE(n);
+        const PreparedScene scene = open_isosurface(n, interpolation);
+        const WholeAndEdge right = opacities(scene, SamplerKind::brownian, true, 40);
+        EXPECT_LT(student(right.whole, 0.5), kStudent7) << right.whole.mean();
+        EXPECT_LT(student(right.edge, 0.5), kStudent7) << right.edge.mean();
+        EXPECT_LT(right.edge.standard_error(), 0.003);
+        const WholeAndEdge wrong = opacities(scene, SamplerKind::brownian, false, 40);
+        EXPECT_GT(student(wrong.whole, 0.5), kStudent7) << wrong.whole.mean();
+        EXPECT_GT(student(wrong.edge, 0.5), kStudent7) << wrong.edge.mean();
+    }
+}
+
+// Independent walkers in 100 cells of equal area, corners among them.
+TEST(Brownian, WalksOnAnOpenIsosurfaceStayUniformAndLoseNoStep) {
+    const PreparedScene scene = open_isosurface(2, "trilinear");
+    const auto cell = [](const Vec3& p) { return 10 * bin(p.x, 10) + bin(p.y, 10); };
+    EXPECT_GT(uniformity_p(places(scene, {.step = 0.1}, 24000, 30), 100, cell), 1e-4);
+    for (const bool continued : {true, false}) {
+        WalkSettings settings{.walkers = 100};
+        settings.twin.continued = continued;
+        const BrownianSource source(scene.objects[0], scene.camera, 0, settings);
+        (void)source.positions({1}, 0, 100 * 100);
+        const auto stats = source.stats();
+        EXPECT_TRUE(continued ? stats.lost == 0 && stats.at_borders > 1000 : stats.lost > 1000) << stats.lost;
+    }
+}
+
+// Points of an open sheet: the surface ends at the cube around them. Random lines know nothing of walks.
+TEST(Brownian, PointsThatEndAtTheirCubeHaveTheOpacityOfRandomLines) {
+    std::string text;
+    for (int j = 0; j < 60; ++j)
+        for (int i = 0; i < 60; ++i) {
+            const double x = (i + 0.5) / 30 - 1, y = (j + 0.5) / 30 - 1;
+            const Vec3 n = normalize(Vec3(-0.4 * x, 0.2 * y, 1));
+            text += fmt::format("{} {} {} {} {} {}\n", x, y, 0.2 * x * x - 0.1 * y * y, n.x, n.y, n.z);
+        }
+    const fs::path file = put(test_folder() / "sheet.xyz", text);
+    const PreparedScene scene = prepare(scene_from(fmt::format(
+        "image.resolution = [48, 48]\n[camera]\nprojection = \"orthographic\"\nposition = [0, 0, 9]\nview_height = 2\n[[surface]]\n"
+        "opacity = 0.5\npoints = \"{}\"\n", file.string())));
+    const WholeAndEdge lines = opacities(scene, SamplerKind::lines, true, 100);
+    const WholeAndEdge walk = opacities(scene, SamplerKind::brownian, true, 100);
+    EXPECT_LT(student(walk.whole, lines.whole.mean()), kStudent7) << walk.whole.mean() << ' ' << lines.whole.mean();
+    EXPECT_LT(student(walk.edge, lines.edge.mean()), kStudent7) << walk.edge.mean() << ' ' << lines.edge.mean();
+}
+
 TEST(Brownian, DrawsTheOpacityAtItsDefaults) {
     for (const char* surface : {"implicit = \"sphere\"", "implicit = \"torus\"\nrotate_degrees = [60, 20, 0]"}) {
         const PreparedScene scene = prepare(scene_from(

@@ -1,8 +1,10 @@
 // Volumes and slices as particles (PBVR), judged against the truth of the particles' own pixel filter.
 #include <cstring>
 
+#include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "cpu/plain_particles.hpp"
+#include "sample/poisson_number.hpp"
 #include "sample/volume_source.hpp"
 #include "scene_testing.hpp"
 
@@ -235,6 +237,44 @@ TEST(VolumeSource, NothingToSeeHasNoParticles) {
             transfer));
         EXPECT_EQ(VolumeSource(scene, 0).virtual_pixels(), 0);
     }
+}
+
+// An opacity of 0.3 over 1e-30: infinitely many particles for a picture that is opaque anyway.
+TEST(VolumeSource, TooDenseVolumesHaveParticlesThatCanBeCountedAndLookOpaque) {
+    const std::string body = "[[volume]]\nname = \"lead\"\nexpression = \"x + 0.4*y\"\nbounds = [[-1, -1, -1], [1, 1, 1]]\nresolution = 5\n"
+                             "transfer = [[-2, 1, 0, 0, 0.3], [2, 0, 0.2, 1, 0.3]]\n";
+    for (const char* camera : {"position = [1.5, 1.2, 4]", "position = [0.1, 0.2, 0.3]\nnear = 0.05"}) {
+        const auto with = [&](const char* step) {
+            return prepare(scene_from(fmt::format("image.resolution = [12, 12]\n[camera]\n{}\n{}{}\n", camera, body, step)));
+        };
+        const PreparedScene scene = with("opacity_step = 1e-30");
+        const VolumeSource source(scene, 0);
+        // Pixels of a hundredth and more of what is seen: some 14 particles each, 4 deep, in 144 pixels, a few trials each.
+        EXPECT_GT(source.virtual_pixels(), 144);
+        EXPECT_LT(source.virtual_pixels(), 1e7);
+        EXPECT_NE(source.complaint().find("volume \"lead\": opacity_step = 1e-30"), std::string::npos) << source.complaint();
+        // As dense as can be drawn at once, and nothing is said of it.
+        const PreparedScene opaque = with("opacity_step = 0.01");
+        const VolumeSource plain(opaque, 0);
+        EXPECT_EQ(plain.complaint(), "");
+        RenderStats stats;
+        const Image dense = render_particles(scene, {.repeats = 20, .sampler = {.seed = {1}}}, stats);
+        const Image other = render_particles(opaque, {.repeats = 20, .sampler = {.seed = {2}}}, stats);
+        std::size_t covered = 0;
+        for (std::size_t i = 0; i < dense.pixel_count(); ++i) {
+            if (other.plane("A")[i] < 1) continue;  // beside the volume, or at its outline
+            ++covered;
+            EXPECT_EQ(dense.plane("A")[i], 1) << i;
+            for (const char* channel : {"R", "G", "B"}) EXPECT_NEAR(dense.plane(channel)[i], other.plane(channel)[i], 0.06) << i;
+        }
+        EXPECT_GT(covered, 20U);
+    }
+}
+
+TEST(PoissonNumber, OfAMeanBeyondAllNumbersIsRefused) {
+    RandomStream random(Seed{1}, {});
+    for (const double mean : {0x1p33, 1e30, kInfinity}) EXPECT_THROW((void)poisson_number(mean, random), Error) << mean;
+    EXPECT_NEAR(poisson_number(0x1p31, random), 0x1p31, 6 * std::sqrt(0x1p31));
 }
 
 TEST(VolumeParticlesDeterminism, ThreadsDoNotMatter) {

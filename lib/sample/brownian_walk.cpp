@@ -71,6 +71,7 @@ BrownianWalk::BrownianWalk(const Object& object, const WalkStep& step) : step_(s
     const double to_inner = isometric_ ? 1 / scale : 1;
 
     const double width = surface_width(surface);
+    bounds_ = surface.bounds;
     inner_step_ = step.length * to_inner;
     near_ = kNear * width * to_inner;
     reach_ = kReachOfSteps * inner_step_;
@@ -144,14 +145,36 @@ bool BrownianWalk::put(const Vec3& place, Walker& walker) const {
     return settle(walker);
 }
 
+double BrownianWalk::value(const Vec3& at) const {
+    const double own = field_->value(at);
+    if (std::isfinite(own) || !step_.continued) return own;
+    const Vec3 border = glm::clamp(at, bounds_.lo, bounds_.hi);
+    if (border == at) return own;
+    const FieldJet jet = field_->jet(border);
+    return jet.value + dot(jet.gradient, at - border);
+}
+
+Vec3 BrownianWalk::gradient(const Vec3& at) const {
+    const Vec3 own = field_->gradient(at);
+    if (usable(own) || !step_.continued) return metric(own);
+    const Vec3 border = glm::clamp(at, bounds_.lo, bounds_.hi);
+    if (border == at) return metric(own);
+    // Along the border the slope across it varies.
+    const FieldJet jet = field_->jet(border);
+    Vec3 turned = jet.hessian_matrix() * (at - border);
+    for (int axis = 0; axis < 3; ++axis)
+        if (at[axis] != border[axis]) turned[axis] = 0;
+    return metric(jet.gradient + turned);
+}
+
 /// Newton's method along the gradient, else bisection along it.
 bool BrownianWalk::settle(Walker& walker) const {
     const Vec3 from = walker.at;
     Vec3 first(0.0);
     double last = kInfinity;
     for (int i = 0; i < kMostNewton; ++i) {
-        const double value = field_->value(walker.at);
-        const Vec3 gradient = metric(field_->gradient(walker.at));
+        const double value = this->value(walker.at);
+        const Vec3 gradient = this->gradient(walker.at);
         if (!usable(gradient) || !std::isfinite(value)) break;
         if (i == 0) first = gradient;
         const double square = dot(gradient, gradient);
@@ -167,14 +190,14 @@ bool BrownianWalk::settle(Walker& walker) const {
 
 bool BrownianWalk::settle_by_bisection(const Vec3& from, const Vec3& gradient, Walker& walker) const {
     const Vec3 along = inner(normalize(gradient));
-    const double value = field_->value(from);
+    const double value = this->value(from);
     // Downhill first.
     const double towards = value > 0 ? -1 : 1;
     for (const double side : {towards, -towards}) {
         double lo = 0;
         for (int i = 1; i <= kBracketSteps; ++i) {
             double hi = side * reach_ * i / kBracketSteps;
-            const double there = field_->value(from + hi * along);
+            const double there = this->value(from + hi * along);
             if (!std::isfinite(there)) break;
             if ((there > 0) == (value > 0)) {
                 lo = hi;
@@ -183,10 +206,10 @@ bool BrownianWalk::settle_by_bisection(const Vec3& from, const Vec3& gradient, W
             for (int k = 0; k < kBisections; ++k) {
                 const double middle = 0.5 * (lo + hi);
                 if (middle == lo || middle == hi) break;
-                ((field_->value(from + middle * along) > 0) == (value > 0) ? lo : hi) = middle;
+                ((this->value(from + middle * along) > 0) == (value > 0) ? lo : hi) = middle;
             }
             const Vec3 at = from + 0.5 * (lo + hi) * along;
-            const Vec3 there_gradient = metric(field_->gradient(at));
+            const Vec3 there_gradient = this->gradient(at);
             if (!usable(there_gradient)) return false;
             walker = {at, there_gradient};
             return true;
@@ -234,7 +257,8 @@ WalkOutcome BrownianWalk::advance(Walker& walker, Seed seed, const DrawKey& key)
     }
     if (step_.drift) {
         // Tr(HP) = Tr H − n·Hn, H in the metric: H_ij contracted with M⁻¹M⁻ᵀ − (M⁻¹n)(M⁻¹n)ᵀ.
-        const Mat3 h = field_->jet(walker.at).hessian_matrix();
+        // A hair beyond the border f may have none.
+        const Mat3 h = field_->jet(glm::clamp(walker.at, bounds_.lo, bounds_.hi)).hessian_matrix();
         const Vec3 in = inner(n);
         double trace = -dot(in, h * in);
         if (isometric_) {
@@ -254,7 +278,7 @@ WalkOutcome BrownianWalk::advance(Walker& walker, Seed seed, const DrawKey& key)
         if (step_.corrected) {
             if (!settle(moved)) return WalkOutcome::lost;
         } else {
-            moved.gradient = metric(field_->gradient(moved.at));
+            moved.gradient = gradient(moved.at);
             if (!usable(moved.gradient)) return WalkOutcome::lost;
         }
         const bool stays_inside = inside(moved.at);

@@ -12,6 +12,9 @@
 // k(x, y*) = k(x*, y) = k(y, x*), it is symmetric as well, and ∫ k'(x, y) dA(x) = ∫ k'(y, x) dA(x) = 1: the uniform law
 // stays. Curvature of the edge adds a term of the step's length over its radius in a seam as wide as a step. What is
 // still outside (corners) does not move, which keeps every symmetric kernel symmetric.
+//
+// *Fields that end.* A volume has no f beyond its hull, so a step across it would find no way back to the surface and never
+// reach its fold: there f is continued from the nearest place c of its bounds, f(c) + ∇f(c)·(x − c).
 #pragma once
 
 #include <array>
@@ -32,6 +35,7 @@ struct WalkStep {
     // Wrong twins, for tests that must reject them.
     bool projected = true;  // P in front of dw
     bool corrected = true;  // back to the surface
+    bool continued = true;  // f beyond its bounds, where it is not defined
     double noise = 1;       // times the variance of dw
     /// At the surface's edges. stay: a step that would leave is not made; the same law, but particles that come twice, so
     /// that fewer pixels are covered beside an edge. redraw: until a step ends inside, half the density at edges: wrong.
@@ -100,6 +104,9 @@ private:
     };
     [[nodiscard]] Vec3 metric(const Vec3& covector) const { return isometric_ ? covector : inverse_transposed_ * covector; }
     [[nodiscard]] Vec3 inner(const Vec3& v) const { return isometric_ ? v : inverse_ * v; }
+    /// Of f, continued beyond its bounds where it is not defined; the gradient in the metric.
+    [[nodiscard]] double value(const Vec3& at) const;
+    [[nodiscard]] Vec3 gradient(const Vec3& at) const;
     [[nodiscard]] bool settle(Walker& walker) const;
     [[nodiscard]] bool settle_by_bisection(const Vec3& from, const Vec3& gradient, Walker& walker) const;
     [[nodiscard]] bool fold_back(Walker& walker) const;
@@ -107,6 +114,7 @@ private:
     [[nodiscard]] bool inside(const Vec3& at) const;
 
     const ScalarField* field_;
+    Box bounds_;  // of the field
     WalkStep step_;
     Affine to_world_, to_object_;
     Mat3 inverse_, inverse_transposed_;

@@ -142,12 +142,6 @@ private:
             const std::uint32_t size = candidates.begin[pixel + 1] - begin;
             if (size == 0) continue;
             const Particle* particles = candidates.particles.data() + begin;
-            order.resize(size);
-            std::iota(order.begin(), order.end(), 0U);
-            const auto depth = [&](std::uint32_t i) { return twin::floatBitsToUint(particles[i].above_near); };
-            std::sort(order.begin(), order.end(), [&](std::uint32_t a, std::uint32_t b) {
-                return depth(a) != depth(b) ? depth(a) < depth(b) : a < b;
-            });
             const std::size_t place = grid_.row_of(tile, pixel) * static_cast<std::size_t>(projection_.width) +
                                       grid_.column_of(tile, pixel);
             draw_pixel(source, oversampling, place, {particles, size}, order, shuffled, drawn);
@@ -156,7 +150,7 @@ private:
     }
 
     void draw_pixel(const ParticleSource& source, double oversampling, std::size_t place, std::span<const Particle> particles,
-                    std::span<const std::uint32_t> order, std::vector<std::uint32_t>& shuffled,
+                    std::vector<std::uint32_t>& order, std::vector<std::uint32_t>& shuffled,
                     std::vector<Drawn>& drawn) const {
         RandomStream random(seed_, {.object = static_cast<std::uint32_t>(Purpose::stratify),
                                     .repeat = first_,
@@ -164,6 +158,20 @@ private:
         const auto group = static_cast<double>(count_);
         const double log_miss = std::log1p(-1 / (group * oversampling));
         const double start = unit_interval(random());
+        // The group's last particle is the k-th nearest, or there is none: what is behind is never asked for, which is all
+        // but a few of a dense object's candidates.
+        const double last = std::ceil(std::log1p(-(group - start) / group) / log_miss);
+        const auto size = static_cast<std::uint32_t>(particles.size());
+        const std::uint32_t nearest = last + count_ < size ? static_cast<std::uint32_t>(last) + count_ : size;
+        order.resize(size);
+        std::iota(order.begin(), order.end(), 0U);
+        const auto depth = [&](std::uint32_t i) { return twin::floatBitsToUint(particles[i].above_near); };
+        const auto nearer = [&](std::uint32_t a, std::uint32_t b) {
+            return depth(a) != depth(b) ? depth(a) < depth(b) : a < b;
+        };
+        if (nearest < size) std::nth_element(order.begin(), order.begin() + nearest, order.end(), nearer);
+        order.resize(nearest);
+        std::sort(order.begin(), order.end(), nearer);
         // Drawn are those at which the sum passes a whole number: from k on to the k that passes the next.
         std::uint32_t number = 0;
         for (std::uint32_t next = 0; number < count_;) {

@@ -19,7 +19,8 @@
 //
 // *Dense objects.* The proof holds for every R >= 1, so each object has its own: where Λ is large, candidates are many and
 // the variance e^(−2Λ)(e^(Λ/(R G)) − 1) is next to nothing anyway. R falls as 1/Λ from Λ = kDenseDepth on, to 1: what an
-// opaque object costs is at most what its independent particles cost, or R·kDenseDepth candidates a pixel and repeat.
+// opaque object costs is at most what its independent particles cost, or R·kDenseDepth candidates a pixel and repeat. Of a
+// pixel's candidates no more than the nearest (ln G + 2)·R·G or so can be drawn: these alone are sorted.
 //
 // *Groups.* Rounding costs φ(1 − φ)/G² a group, so fewer and larger groups have less variance; more of them tell it better,
 // by one degree of freedom less than their number. default_group makes 8 groups, and up to 16 while they have 64 repeats

@@ -26,6 +26,16 @@ constexpr int kMostCuts = 40;
 /// Pieces and cells a block: with their samples they fit into a level-2 cache.
 constexpr std::size_t kBlockPieces = 4096;
 constexpr double kBlockCells = 0x1p17;
+/// More trials a repeat than this are refused, more particles in view cannot be: cut into pieces, they would not end.
+constexpr double kMostTrials = 0x1p32;
+constexpr double kHopeless = 0x1p40;
+/// −ln(1 − kMostParticleOpacity).
+const double kMostDepth = -std::log1p(-kMostParticleOpacity);
+
+[[nodiscard]] double smallest_voxel(const VolumeObject& volume) {
+    const Mat3& m = volume.to_world().linear;
+    return std::min({length(m[0]), length(m[1]), length(m[2])});
+}
 
 }  // namespace
 
@@ -140,11 +150,12 @@ private:
             own.least_area = area->least;
             const bool inside = kept > 0 && source_.scene_->camera.wholly_in_view(corner.data(), 8);
             own.even = inside && area->most <= kEvenAreaRatio * area->least;
-            const double pixels = source_.pixels_of({box.lo, box.size(), bound.most, own.least_area});
+            const double pixels = source_.pixels_of(source_.piece_of(box, bound.most, own.least_area));
             must = (!inside && pixels > kMostPixelsOutside) ||
                    (area->most > kMostAreaRatio * area->least && pixels > 1);
         }
-        const double whole = source_.pixels_of({box.lo, box.size(), bound.most, own.least_area});
+        const Piece piece = source_.piece_of(box, bound.most, own.least_area);
+        const double whole = source_.pixels_of(piece);
         const Vec3 size = box.size();
         const bool uneven = bound.sum < kWorthACut * bound.most * (size.x * size.y * size.z);
         if (must || uneven) {
@@ -158,22 +169,21 @@ private:
             if (sum < (must ? 1 : kWorthACut) * whole) return sum;
             pieces.resize(before);
         }
-        pieces.push_back({box.lo, size, bound.most, own.least_area});
+        pieces.push_back(piece);
         return whole;
     }
 
     /// Adds a box within a cell.
     double add_box(const Box& box, double most, const Node& above, int depth) {
-        Piece piece{box.lo, box.size(), most, above.least_area};
         if (above.even) {
-            pieces.push_back(piece);
-            return source_.pixels_of(piece);
+            pieces.push_back(source_.piece_of(box, most, above.least_area));
+            return source_.pixels_of(pieces.back());
         }
         std::array<Vec3, 8> corner;
         const Camera& camera = source_.scene_->camera;
         const auto area = camera.pixel_area_range(corner.data(), corners(box, corner));
         if (!area || clipped(corner) < 0) return 0;
-        piece.least_area = area->least;
+        const Piece piece = source_.piece_of(box, most, area->least);
         const double whole = source_.pixels_of(piece);
         if (!(whole > 0)) return 0;
         const bool inside = camera.wholly_in_view(corner.data(), 8);
@@ -212,7 +222,8 @@ VolumeSource::VolumeSource(const PreparedScene& scene, std::size_t index, Densit
       density_(density),
       object_id_(static_cast<std::uint32_t>(scene.objects.size() + index)),
       brightest_(brightest_color(scene.settings.lights, *volume_)),
-      scale_(std::abs(volume_->to_world().determinant())) {
+      scale_(std::abs(volume_->to_world().determinant())),
+      voxel_(smallest_voxel(*volume_)) {
     const VolumeObject& volume = *volume_;
     if (volume.bounds().empty()) return;
     const Camera& camera = scene.camera;
@@ -221,7 +232,21 @@ VolumeSource::VolumeSource(const PreparedScene& scene, std::size_t index, Densit
     to_view_.offset = camera.to_view(volume.to_world().offset);
     mean_area_ = camera.pixel_area(camera.to_view(volume.bounds().center()));
 
-    // Rows of blocks of cells in parallel, put together in order.
+    const double diagonal = length(volume.bounds().size());
+    capped_ = density_of(volume.most_opacity()) * diagonal * camera.width() * camera.height() > kHopeless;
+    find_pieces();
+    if (!capped_ && virtual_pixels_ > kMostTrials) {
+        capped_ = true;
+        find_pieces();
+    }
+}
+
+/// Rows of blocks of cells in parallel, put together in order.
+void VolumeSource::find_pieces() {
+    const VolumeObject& volume = *volume_;
+    pieces_.clear();
+    blocks_.clear();
+    virtual_pixels_ = 0;
     const std::array<int, 3>& blocks = volume.blocks();
     const std::size_t rows = static_cast<std::size_t>(blocks[1]) * static_cast<std::size_t>(blocks[2]);
     std::vector<std::vector<Piece>> found(rows);
@@ -276,6 +301,21 @@ double VolumeSource::density_of(double opacity) const {
     return density_ == Density::without_log ? most / volume_->opacity_step() : volume_->extinction_of(most);
 }
 
+double VolumeSource::most_density(double area) const {
+    return capped_ ? kMostDepth / std::min(std::sqrt(area), voxel_) : kInfinity;
+}
+
+VolumeSource::Piece VolumeSource::piece_of(const Box& box, double most, double least_area) const {
+    return {box.lo, box.size(), std::min(most, most_density(least_area)), least_area};
+}
+
+std::string VolumeSource::complaint() const {
+    if (!capped_) return {};
+    return fmt::format("{}: opacity_step = {} would be more than 2^32 particles a repeat: no place is drawn denser than gives a "
+                       "voxel, or a pixel's width if that is less, an opacity of 1 - 2^-20",
+                       label(), volume_->opacity_step());
+}
+
 double VolumeSource::pixels_of(const Piece& piece) const {
     const double area = density_ == Density::without_area ? mean_area_ : piece.least_area;
     return scale_ * (piece.size.x * piece.size.y * piece.size.z) * piece.most / area;
@@ -292,7 +332,8 @@ std::optional<VolumeSource::Point> VolumeSource::trial_in(const Piece& piece, co
     const double opacity = look.opacity_at(value);
     if (!(opacity > 0)) return std::nullopt;
     const double area = density_ == Density::without_area ? piece.least_area : camera.pixel_area(view);
-    if (!(words.chance * piece.most * area < density_of(opacity) * piece.least_area)) return std::nullopt;
+    const double density = std::min(density_of(opacity), most_density(area));
+    if (!(words.chance * piece.most * area < density * piece.least_area)) return std::nullopt;
     const Vec2 pixel = camera.project(view);
     if (!(pixel.x >= 0 && pixel.x < camera.width() && pixel.y >= 0 && pixel.y < camera.height()))
         return std::nullopt;

@@ -6,6 +6,9 @@
 // cells (and of parts of cells close to the eye), each with a bound σ_max of the extinction in it; a trial is
 // a uniform point of a box chosen by its V = volume·σ_max/least s, and is kept with probability  σ(x)/σ_max ·
 // least s/s(x).
+//
+// *Too dense.* Where trials would be more than 2^32 a repeat, σ is taken as at most what gives a voxel, or a pixel's side
+// if that is less, the opacity kMostParticleOpacity: all but layers thinner than these look the same.
 #pragma once
 
 #include <cstdint>
@@ -42,6 +45,7 @@ public:
                                              std::uint64_t index) const override;
     [[nodiscard]] std::size_t piece_count() const override { return pieces_.size(); }
     [[nodiscard]] std::size_t bytes() const override;
+    [[nodiscard]] std::string complaint() const override;
 
 private:
     /// A box of index space in which extinction is at most `most` and a pixel sees at least `least_area`.
@@ -60,7 +64,11 @@ private:
     class Cutter;
 
     [[nodiscard]] std::optional<Point> trial_in(const Piece& piece, const Words& words) const;
+    void find_pieces();
     [[nodiscard]] double density_of(double opacity) const;
+    /// σ at most, where a pixel sees this area.
+    [[nodiscard]] double most_density(double area) const;
+    [[nodiscard]] Piece piece_of(const Box& box, double most, double least_area) const;
     [[nodiscard]] double pixels_of(const Piece& piece) const;
 
     const PreparedScene* scene_;
@@ -69,6 +77,8 @@ private:
     std::uint32_t object_id_;
     Vec3 brightest_;
     double scale_;          // world volume of a unit of index space
+    double voxel_;          // least side of a voxel, world
+    bool capped_ = false;   // σ
     Affine to_view_;        // of index space
     double mean_area_ = 1;  // of the wrong twin
     double virtual_pixels_ = 0;
