@@ -297,6 +297,50 @@ TEST(VolumeTruth, CoarseToleranceKeepsItsBound) {
     }
 }
 
+TEST(VolumeTruth, IsosurfacesOfTheLeastNumbersAreThereAsWell) {
+    // Samples of 1e-39 have no leading digit in float32: flushed to zero they have no surface.
+    const fs::path folder = test_folder();
+    const auto picture = [&](double unit) {
+        const std::string file = fmt::format("v{}.nrrd", unit < 1e-30 ? "small" : "large");
+        put_volume(folder / file, {49, 49, 49},
+                   sampled({49, 49, 49}, [&](const Vec3& p) { return unit * (1 + length(p - Vec3(24.0)) / 6); }));
+        return trace(
+            fmt::format("image.resolution = [16, 16]\n[camera]\nposition = [24, 24, 180]\ntarget = [24, 24, 24]\nfov_degrees = "
+                        "18\n[[surface]]\nisosurface = {{ volume = \"{}\", isovalue = {} }}\nopacity = 0.5\nshading = "
+                        "\"flat\"\n",
+                        file, 3.5 * unit),
+            {.samples = 16}, folder);
+    };
+    const Image large = picture(1), small = picture(1e-39);
+    double sum = 0;
+    for (std::size_t i = 0; i < large.pixel_count(); ++i) {
+        // Of 1e-39 six digits are left.
+        EXPECT_NEAR(small.plane("A")[i], large.plane("A")[i], 1e-3F) << i;
+        sum += static_cast<double>(large.plane("A")[i]);
+    }
+    EXPECT_GT(sum, 20);
+}
+
+TEST(VolumeTruth, WorkForOneRayHasABound) {
+    // Steps of 1e-30: what is thin in exact numbers is thick in the last digit.
+    const std::string toml = "image.resolution = [5, 5]\ncamera.position = [1, 2, 4]\n" +
+                             volume("sin(9*x)*cos(7*y) + z", "[[-1, 1, 0, 0, 0], [0.2, 0, 1, 0, 0.7], [0.2, 1, 1, 1, 0.1], [1, 0, 0, 1, 0.9]]",
+                                    "", 1e-30);
+    const PreparedScene scene = prepare(scene_from(toml));
+    for (const bool pooled : {false, true}) {
+        VolumeRay volumes(scene, {.tolerance = 1e-4, .pooled = pooled});
+        for (int i = 0; i < 25; ++i) {
+            std::vector<VolumeLayer> layers;
+            volumes.start(scene.camera.ray(i % 5 + 0.37, i / 5 + 0.61), 1.0 / 64);
+            volumes.advance(kInfinity, 1, 1e-9, layers);
+            double depth = 0;
+            for (const VolumeLayer& layer : layers) depth += layer.optical_depth;
+            EXPECT_LE(layers.size(), VolumeRay::kMostHalvings + 100U) << i;
+            EXPECT_TRUE(depth == 0 || depth > 20) << i;
+        }
+    }
+}
+
 TEST(VolumeTruth, OneSampleAlongAnAxisDrawsNothing) {
     const fs::path folder = test_folder();
     put_volume(folder / "flat.nrrd", {4, 4, 1}, std::vector<float>(16, 1.0F));

@@ -17,6 +17,12 @@ constexpr int kMostLevels = 12;
 /// Parts thinner than this share of their depth have no inside.
 constexpr double kThinnest = 1e-13;
 
+/// A part whose colours differ is no thicker, whatever its halves say.
+constexpr double kThickest = 0.05;
+
+[[nodiscard]] double largest(const Vec3& v) {
+    return std::max({v.x, v.y, v.z});
+}
 /// 1 − e^−x, x >= 0.
 [[nodiscard]] double opacity_of(double x) {
     if (x > 0.01) return -std::expm1(-x);
@@ -36,6 +42,15 @@ public:
         std::array<double, kSets> depth{};             // optical, by set
         std::array<std::array<double, 3>, kSets> color{};  // times optical depth
         std::array<double, 3> square{};                // of all sets
+
+        void add(std::size_t set, double own, const Vec3& c) {
+            depth[set] += own;
+            for (int i = 0; i < 3; ++i) {
+                const auto k = static_cast<std::size_t>(i);
+                color[set][k] += own * c[i];
+                square[k] += own * c[i] * c[i];
+            }
+        }
     };
 
     void add(const Medium& m) {
@@ -102,35 +117,49 @@ private:
     /// indices_[first, last) reach into [begin, end].
     void part(double begin, double end, std::size_t first, std::size_t last, int level) {
         if (first == last || out_.done()) return;
-        Composites::Medium sum;
+        std::array<Composites::Medium, 2> half{};
+        std::array<double, 2> depth{};
+        std::array<Vec3, 2> mean{Vec3(0.0), Vec3(0.0)};
         Vec3 least(kInfinity), most(-kInfinity);
-        double depth = 0;
+        const double middle = 0.5 * (begin + end);
         for (std::size_t i = first; i < last; ++i) {
             const PooledLayer& layer = layers_[indices_[i]];
-            const double own = layer.optical_depth * share_between(layer, begin, end);
-            if (!(own > 0)) continue;
-            const auto set = static_cast<std::size_t>(layer.set);
-            depth += own;
-            sum.depth[set] += own;
-            for (int c = 0; c < 3; ++c) {
-                const auto k = static_cast<std::size_t>(c);
-                sum.color[set][k] += own * layer.color[c];
-                sum.square[k] += own * layer.color[c] * layer.color[c];
+            const bool crossing = layer.begin == layer.end;
+            bool counts = false;
+            for (std::size_t h = 0; h < 2; ++h) {
+                if (crossing && (layer.begin >= middle) != (h == 1)) continue;
+                const double own = layer.optical_depth *
+                                   share_between(layer, h == 0 ? begin : middle, h == 0 ? middle : end);
+                if (!(own > 0)) continue;
+                counts = true;
+                half[h].add(static_cast<std::size_t>(layer.set), own, layer.color);
+                depth[h] += own;
+                mean[h] += own * layer.color;
             }
+            if (!counts) continue;
             least = glm::min(least, layer.color);
             most = glm::max(most, layer.color);
         }
-        if (!(depth > 0)) return;
-        const Vec3 range = most - least;
-        const double wrong = std::sqrt(out_.clear()) * std::max({range.x, range.y, range.z}) *
-                             std::min(1.0, depth * out_.share() / 8);
-        if (!(wrong > 0.5 * error_) || level == kMostLevels || !(end - begin > kThinnest * (std::abs(begin) + std::abs(end))))
-            return out_.add(sum);
+        for (double& d : depth) d *= out_.share();
+        const double whole = depth[0] + depth[1];
+        if (!(whole > 0)) return;
+        // Two layers as one are wrong by ½ τ₀τ₁ (c₀ − c₁); each half by a quarter of that, if alike.
+        double wrong = 0;
+        if (depth[0] > 0 && depth[1] > 0)
+            wrong = std::sqrt(out_.clear()) * out_.share() * largest(glm::abs(mean[0] / depth[0] - mean[1] / depth[1])) *
+                    std::min(1.0, 0.125 * depth[0] * depth[1] / whole);
+        const double range = largest(most - least);
+        const double thick = std::sqrt(out_.clear()) * std::min(1.0, range) * whole;
+        const bool fine = wrong <= 0.5 * error_ && (thick <= kThickest || range <= error_);
+        if (fine || level == kMostLevels || !(end - begin > kThinnest * (std::abs(begin) + std::abs(end)))) {
+            out_.add(half[0]);
+            out_.add(half[1]);
+            return;
+        }
 
         // Into as many parts as would do if all were alike.
-        const double wanted = std::ceil(1.5 * depth * out_.share() / 8 * std::max({range.x, range.y, range.z}) *
-                                        std::sqrt(out_.clear()) / (0.5 * error_));
-        const int parts = static_cast<int>(std::clamp(wanted, 2.0, double{kMostParts}));
+        const double wanted = std::max(std::sqrt(2 * wrong / error_), range > error_ ? thick / kThickest : 1.0);
+        const int parts = static_cast<int>(std::clamp(std::ceil(1.3 * wanted), 2.0, double{kMostParts}));
         const double per_depth = parts / (end - begin);
         const auto part_of = [&](double t) { return std::clamp(static_cast<int>((t - begin) * per_depth), 0, parts - 1); };
         std::array<std::size_t, kMostParts + 1> at{};

@@ -36,10 +36,9 @@ struct PooledColors {
 struct LayerTree {
     std::vector<std::uint32_t> indices;
 };
-/// With depth: layers overlap. Depth is cut where it matters: a part counts as one layer when what its colours could
-/// do in another order is below the error. In a part of optical depth τ and transmittance T in front, whose colours
-/// differ by Δ, order matters by at most weight · Δ · min(1, τ/8); with √T · Δ · min(1, τ/8) <= error/2 in every
-/// part the whole errs by at most ∫ √T error/2 dτ = error.
+/// With depth: layers overlap. Depth is cut where order matters: until two halves of a part, T·½·τ₀τ₁ (c₀ − c₁) apart
+/// from one layer of both (T: transmittance in front), say that they themselves err by a share of `error`, and where
+/// colours differ by Δ never thicker than √T·Δ·τ = 0.05.
 [[nodiscard]] PooledColors composite_spread(const std::vector<PooledLayer>& layers, int rays_per_set, double opaque,
                                             double error, LayerTree& tree);
 

@@ -439,14 +439,22 @@ private:
             keep(tracer, i, strata, tracer.signature, false);
             return;
         }
-        // Rays through volumes are dear, and most pixels of them even: a smaller pilot.
-        int pilot = kPilotStrata;
-        if (!scene_.volumes.empty() && strata == kPilotStrata) pilot = strata = kFewStrata;
-        tracer.trace(x, y, pilot, true);
-        Signature met = tracer.signature;
-        if (!met.unanimous()) strata = std::max(strata, kPilotStrata);
+        // Rays through volumes are dear, and many pixels of them even: first a pilot that asks whether 16 will do.
+        Signature met;
+        if (!scene_.volumes.empty() && strata == kPilotStrata) {
+            tracer.trace(x, y, kFewStrata, true);
+            met = tracer.signature;
+            if (met.unanimous() && tracer.worst_error() <= settings_.max_error) {
+                tracer.trace(x, y, kFewStrata, false);
+                met.add(tracer.signature);
+                if (met.unanimous() && tracer.worst_error() <= kLuckyPilot * settings_.max_error)
+                    return keep(tracer, i, kFewStrata, met, false);
+            }
+        }
+        tracer.trace(x, y, kPilotStrata, true);
+        met.add(tracer.signature);
         // The error falls at least with the strata a side, as the root of the number of sub-rays.
-        const double wanted = pilot * tracer.worst_error() / settings_.max_error;
+        const double wanted = kPilotStrata * tracer.worst_error() / settings_.max_error;
         while (strata < wanted && 2 * strata <= finest()) strata *= 2;
         tracer.trace(x, y, strata, false);
         met.add(tracer.signature);

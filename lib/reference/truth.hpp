@@ -51,8 +51,8 @@ struct TruthStats {
 /// squared standard error of the pixel. With PixelFilter::particle also repeat_variance.R/G/B/A: the
 /// variance of that pixel in one repeat of a particle rendering, Σ w_i c_i² − (Σ w_i c_i)².
 ///
-/// In scenes with volumes, whose rays are dear, the pilot has 16 sub-rays, and 16 will do where that says so and all of
-/// it met the same.
+/// In scenes with volumes, whose rays are dear, a pilot of 16 sub-rays comes first, and 16 will do where that says so and
+/// all of it met the same.
 ///
 /// A pixel whose sub-rays all met the same, beside one that met more, is traced with up to 1024 (max_samples
 /// permitting): slivers slip between few rays, and agreement is then no measure of the error.

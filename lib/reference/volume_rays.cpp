@@ -28,6 +28,9 @@ constexpr double kSliver = 1e-12;
 constexpr double kShadingNoise = 2e-6;
 /// Pooled layers of one ray become one up to this optical depth; and where in a layer it lies is known to this.
 constexpr double kMergedDepth = 0.02;
+/// A layer of one colour in place of one that runs by Δc errs by Δc·τ/12 of its weight, one way where colour rises and the
+/// other where it falls: of single layers four times the tolerance of the whole ray.
+constexpr double kUneven = 12 * 4;
 /// Where a Catmull-Rom value is looked at to find the pieces of the transfer function.
 constexpr int kLooks = 24;
 
@@ -537,7 +540,7 @@ bool VolumeRay::integrate_smooth(const Walk& walk, double a, double b, std::vect
         if (!settings_.pooled) color_error += 0.05 * color_change * deep * deep * std::min(1.0, deep + off / most);
         if (!(clear_ * color_error <= allowed)) return false;
     }
-    if (settings_.pooled && (clear_ * deep * color_change > 8 * settings_.tolerance ||
+    if (settings_.pooled && (clear_ * deep * color_change > kUneven * settings_.tolerance ||
                              length_in_steps * g_off > 2 * kMergedDepth))
         return false;
 
@@ -562,7 +565,7 @@ bool VolumeRay::integrate_smooth(const Walk& walk, double a, double b, std::vect
         const double bend_error = bend > kShadingNoise ? depth * bend * std::min(0.5, bend) * 0.25 : 0;
         const double order_error = settings_.pooled ? 0 : 0.05 * color_change * deep * deep * std::min(1.0, deep + off / most);
         if (!(clear_ * (bend_error + order_error) <= allowed)) return false;
-        if (settings_.pooled && clear_ * depth * color_change > 8 * settings_.tolerance) return false;
+        if (settings_.pooled && clear_ * depth * color_change > kUneven * settings_.tolerance) return false;
     }
     Vec3 color(0.0);
     double weight = 0;
@@ -672,7 +675,7 @@ void VolumeRay::integrate(double a, double b, int level, std::vector<VolumeLayer
             least = glm::min(least, s.emission / s.extinction);
             most = glm::max(most, s.emission / s.extinction);
         }
-        return clear_ * largest(most - least) * std::min(depth, 8.0) > 8 * settings_.tolerance * unit_;
+        return clear_ * largest(most - least) * std::min(depth, 8.0) > kUneven * settings_.tolerance * unit_;
     };
     if ((clear_ * std::max(depth_error, color_error) > allowed || (settings_.pooled && uneven())) && halve())
         return;

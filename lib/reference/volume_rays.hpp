@@ -52,7 +52,7 @@ public:
     [[nodiscard]] std::uint64_t met() const { return met_; }
     /// Rays that needed more halvings than this: their last pieces are as they are.
     [[nodiscard]] std::uint64_t cut_short() const { return cut_short_; }
-    static constexpr int kMostHalvings = 1 << 14;
+    static constexpr int kMostHalvings = 1 << 12;
 
 private:
     /// A polynomial on [−1, 1], lowest first.
