@@ -125,7 +125,8 @@ std::vector<Slab> compress_slabs(std::span<const Slab> slabs, std::size_t most, 
 }
 
 SlabCollector::SlabCollector(const SlabSettings& settings)
-    : compression_(settings.compression),
+    : settings_(settings),
+      compression_(settings.compression),
       most_(static_cast<std::size_t>(std::max(settings.layers, 2) - 1)),
       least_(std::max(1.0F - settings.opaque_at, kNothing)) {
     const bool looks_ahead = compression_ == SlabCompression::transmittance;

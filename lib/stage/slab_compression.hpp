@@ -73,6 +73,7 @@ public:
     /// The array, sorted; valid until the next start(). Call it once a ray.
     [[nodiscard]] std::span<const twin::Slab> finish();
 
+    [[nodiscard]] const SlabSettings& settings() const { return settings_; }
     /// How many slabs are looked at.
     [[nodiscard]] std::size_t room() const { return nodes_.size(); }
     /// finish() of a ray that was collected elsewhere by the same rule, such as in lanes: at most room() nodes.
@@ -143,6 +144,7 @@ private:
     void keep_dearest();
     [[nodiscard]] std::span<const twin::Slab> finish_closed();
 
+    SlabSettings settings_;
     SlabCompression compression_;
     std::size_t most_;
     float least_;
