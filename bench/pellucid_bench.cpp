@@ -394,8 +394,9 @@ void cast_image(benchmark::State& state) {
     state.counters["blocks"] = rate(done(state) * casting.blocks);
 }
 
-/// Slabs of all rays; with a collector of eight layers, or thrown away.
-template <bool collect>
+/// Slabs of all rays: thrown away, through a collector of eight layers one by one, or collected in lanes.
+enum class SlabsOfRays : std::uint8_t { all, one_by_one, in_lanes };
+template <SlabsOfRays how>
 void cast_slabs(benchmark::State& state) {
     static const Casting casting(CubeSettings{});
     static const FastVolumeCaster caster(casting.scene, casting.scene.volumes[0], {.step = 1});
@@ -403,13 +404,20 @@ void cast_slabs(benchmark::State& state) {
     for (auto _ : state)
         parallel_for(kPackets, 1, [&](std::size_t begin, std::size_t end) {
             FastVolumeCaster::PacketSlabs slabs;
+            FastVolumeCaster::CollectedPacket collected;
             SlabCollector collector({.layers = 8, .opaque_at = 1});
             std::size_t kept = 0;
             for (std::size_t row = begin; row < end; ++row)
                 for (std::size_t column = 0; column < kPackets; ++column) {
-                    caster.cast(kPacketSide * static_cast<int>(column), kPacketSide * static_cast<int>(row), 1, slabs);
+                    const int x0 = kPacketSide * static_cast<int>(column), y0 = kPacketSide * static_cast<int>(row);
+                    if (how == SlabsOfRays::in_lanes) {
+                        caster.cast_collected(x0, y0, collector, collected);
+                        for (const auto& ray : collected) kept += ray.slabs.size();
+                        continue;
+                    }
+                    caster.cast(x0, y0, 1, slabs);
                     for (const auto& ray : slabs) {
-                        if (collect) {
+                        if (how == SlabsOfRays::one_by_one) {
                             collector.start();
                             for (const twin::Slab& slab : ray)
                                 if (!collector.push(slab)) break;
@@ -485,8 +493,9 @@ void register_all() {
     by_cast_time(RegisterBenchmark("cast/filled_50", cast_image<50, 1, false>));
     by_cast_time(RegisterBenchmark("cast/filled_20", cast_image<20, 1, false>));
     by_cast_time(RegisterBenchmark("cast/filled_5", cast_image<5, 1, false>));
-    once(RegisterBenchmark("cast/slabs", cast_slabs<false>));
-    once(RegisterBenchmark("cast/slabs_8_layers", cast_slabs<true>));
+    once(RegisterBenchmark("cast/slabs", cast_slabs<SlabsOfRays::all>));
+    once(RegisterBenchmark("cast/slabs_8_layers", cast_slabs<SlabsOfRays::in_lanes>));
+    once(RegisterBenchmark("cast/slabs_8_layers_one_by_one", cast_slabs<SlabsOfRays::one_by_one>));
 }
 
 // ---- Memory -----------------------------------------------------------------------------------

@@ -160,6 +160,47 @@ INSTANTIATE_TEST_SUITE_P(All, FastCaster,
                                                           Samples::holes),
                                           testing::ValuesIn(kTransfers), testing::Values(kFlat, kLit)));
 
+TEST_P(FastCaster, CollectedSlabsAreThoseOfTheCollector) {
+    const auto& [samples, transfer, shading] = GetParam();
+    const PreparedScene scene = scene_of(test_folder(), samples, transfer, shading);
+    const double pitch = voxel_pitch(scene.volumes[0].to_world());
+    std::size_t compressed = 0;
+    for (const std::int64_t target : simd_targets()) {
+        const ChosenTarget chosen(target);
+        const FastVolumeCaster caster(scene, scene.volumes[0], {.step = 0.15 * pitch});
+        FastVolumeCaster::PacketSlabs all;
+        FastVolumeCaster::CollectedPacket collected;
+        for (const auto& [layers, opaque_at, compression] :
+             {std::tuple{8, 1.0F, SlabCompression::transmittance}, {2, 0.9F, SlabCompression::transmittance},
+              {9, 0.999F, SlabCompression::transmittance}, {10, 1.0F, SlabCompression::transmittance},
+              {4, 1.0F, SlabCompression::slope}, {4, 0.5F, SlabCompression::tail}}) {
+            const SlabSettings settings{.layers = layers, .compression = compression, .opaque_at = opaque_at};
+            SlabCollector collector(settings), expected(settings);
+            for (int y = 0; y < 19; y += 4)
+                for (int x = 0; x < 22; x += 4) {
+                    caster.cast(x, y, opaque_at, all);
+                    caster.cast_collected(x, y, collector, collected);
+                    for (std::size_t i = 0; i < kPacketRays; ++i) {
+                        expected.start();
+                        std::size_t seen = 0;
+                        for (const Slab& slab : all[i]) {
+                            ++seen;
+                            if (!expected.push(slab)) break;
+                        }
+                        const auto kept = expected.finish();
+                        ASSERT_EQ(collected[i].seen, seen);
+                        ASSERT_EQ(collected[i].slabs.size(), kept.size());
+                        if (kept.empty()) continue;
+                        ASSERT_EQ(0, std::memcmp(collected[i].slabs.data(), kept.data(), kept.size_bytes()));
+                        ASSERT_EQ(collected[i].nearest, twin::slab_front(all[i].front()));
+                        if (seen > 2 * kept.size()) ++compressed;
+                    }
+                }
+        }
+    }
+    EXPECT_GT(compressed, 500U);
+}
+
 TEST(FastMultiVolume, ImagesAreThoseOfThePlainVersion) {
     for (const int volumes : {1, 3})
         for (const SlabMixing mixing :

@@ -17,6 +17,7 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include "cpu/slab_collector_simd-inl.h"
 #include "cpu/twin_simd-inl.h"
 
 #ifndef PELLUCID_FAST_VOLUME_CASTER_ONCE
@@ -31,8 +32,6 @@ constexpr float kBlocks = 1e6F;
 
 /// More go the plain way.
 constexpr std::size_t kMostVolumes = 16;
-
-using PacketRow = std::array<float, kPacketRays>;
 
 struct PacketLight {
     float x, y, z, intensity;
@@ -507,51 +506,72 @@ struct Rays {
     }
 };
 
+/// Along some rays of one volume: sink(seen, back, d, color, opacity, transmittance in front).
+template <class Sink>
+HWY_INLINE void cast_rays(const FastVolume& volume, const Packet& packet, const PacketSettings& settings,
+                          std::size_t ray, Sink&& sink) {
+    Walk walk;
+    walk.begin(volume, packet.in[0], ray);
+    Rays rays{
+        set(1.0F),
+        load(packet.last, ray),
+        {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
+    const V z = load(packet.z, ray), dt = load(packet.dt, ray);
+    bool look_ahead = true, primed = false;
+    for (float i = 0;; i += 1) {
+        M alive = rays.alive(settings.least_clear, set(i));
+        if (hn::AllFalse(F(), alive)) break;
+        if (look_ahead) {
+            const float next = walk.next_step(set(i), alive);
+            if (next >= Walk::kNever) break;
+            if (next > i) {
+                i = next;
+                primed = false;
+            }
+        }
+        if (!primed) walk.prime(set(i));
+        primed = true;
+        const StepLook look = walk.step(set(i + 1), alive, rays.viewer);
+        const M seen = hn::Gt(look.opacity, set(0));
+        look_ahead = hn::AllFalse(F(), seen);
+        if (look_ahead) continue;
+        const V back = add_product(z, walk.back(), dt);
+        const V front = add_product(z, walk.front(), dt);
+        sink(seen, back, hn::Sub(back, front), look.color, look.opacity, rays.clear);
+        rays.clear = hn::Mul(rays.clear, hn::Sub(set(1.0F), look.opacity));
+    }
+}
+
 /// Slabs of one volume.
 void cast_slabs(const FastVolume& volume, const Packet& packet, const PacketSettings& settings,
                 PacketSlabs& out) {
     const std::size_t lanes = hn::Lanes(F());
-    for (std::size_t ray = 0; ray < kPacketRays; ray += lanes) {
-        Walk walk;
-        walk.begin(volume, packet.in[0], ray);
-        Rays rays{
-            set(1.0F),
-            load(packet.last, ray),
-            {load(packet.to_viewer[0], ray), load(packet.to_viewer[1], ray), load(packet.to_viewer[2], ray)}};
-        const V z = load(packet.z, ray), dt = load(packet.dt, ray);
-        bool look_ahead = true, primed = false;
-        for (float i = 0;; i += 1) {
-            M alive = rays.alive(settings.least_clear, set(i));
-            if (hn::AllFalse(F(), alive)) break;
-            if (look_ahead) {
-                const float next = walk.next_step(set(i), alive);
-                if (next >= Walk::kNever) break;
-                if (next > i) {
-                    i = next;
-                    primed = false;
-                }
-            }
-            if (!primed) walk.prime(set(i));
-            primed = true;
-            const StepLook look = walk.step(set(i + 1), alive, rays.viewer);
-            const M seen = hn::Gt(look.opacity, set(0));
-            look_ahead = hn::AllFalse(F(), seen);
-            if (look_ahead) continue;
-            rays.clear = hn::Mul(rays.clear, hn::Sub(set(1.0F), look.opacity));
-            const V back = add_product(z, walk.back(), dt);
-            const V front = add_product(z, walk.front(), dt);
+    for (std::size_t ray = 0; ray < kPacketRays; ray += lanes)
+        cast_rays(volume, packet, settings, ray, [&](M, V back, V d, const V3& color, V opacity, V) HWY_ATTR {
             alignas(64) std::array<PacketRow, 6> row;
             store(back, row[0], 0);
-            store(hn::Sub(back, front), row[1], 0);
-            store(look.color.x, row[2], 0);
-            store(look.color.y, row[3], 0);
-            store(look.color.z, row[4], 0);
-            store(look.opacity, row[5], 0);
+            store(d, row[1], 0);
+            store(color.x, row[2], 0);
+            store(color.y, row[3], 0);
+            store(color.z, row[4], 0);
+            store(opacity, row[5], 0);
             for (std::size_t k = 0; k < lanes; ++k)
                 if (row[5][k] > 0)
                     out[ray + k].push_back(
                         {row[0][k], row[1][k], row[2][k], row[3][k], row[4][k], row[5][k]});
-        }
+        });
+}
+
+/// The same, collected.
+void collect_slabs(const FastVolume& volume, const Packet& packet, const PacketSettings& settings,
+                   PacketNodes& nodes) {
+    for (std::size_t ray = 0; ray < kPacketRays; ray += hn::Lanes(F())) {
+        OpenSlabs open(nodes, ray);
+        cast_rays(volume, packet, settings, ray,
+                  [&](M seen, V back, V d, const V3& color, V opacity, V before) HWY_ATTR {
+                      open.push(seen, back, d, color, opacity, before);
+                  });
+        open.finish();
     }
 }
 
@@ -738,6 +758,7 @@ namespace pellucid {
 namespace {
 
 HWY_EXPORT(cast_slabs);
+HWY_EXPORT(collect_slabs);
 HWY_EXPORT(cast_sums);
 
 /// Nothing that a ray of this many steps meets is lost to float32.
@@ -832,32 +853,91 @@ std::size_t FastVolumeCaster::bytes() const {
     return parts_->fast ? parts_->fast->packed.bytes() : parts_->plain->bytes();
 }
 
-void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) const {
-    std::array<Vec2, kPacketRays> at;
-    std::array<std::size_t, kPacketRays> place{};
+namespace {
+
+/// The pixel centres of a packet that are within the image.
+struct PacketPixels {
+    PacketPixels(const Camera& camera, int x0, int y0) {
+        for (int i = 0; i < static_cast<int>(kPacketRays); ++i) {
+            const int x = x0 + i % kPacketSide, y = y0 + i / kPacketSide;
+            if (x >= camera.width() || y >= camera.height()) continue;
+            place[count] = static_cast<std::size_t>(i);
+            at[count++] = {x + 0.5, y + 0.5};
+        }
+    }
     std::size_t count = 0;
+    std::array<Vec2, kPacketRays> at;
+    std::array<std::size_t, kPacketRays> place{};  // number in the packet
+};
+
+}  // namespace
+
+void FastVolumeCaster::cast(int x0, int y0, float opaque_at, PacketSlabs& out) const {
     for (auto& slabs : out) slabs.clear();
     const Camera& camera = *parts_->camera;
-    for (int i = 0; i < static_cast<int>(kPacketRays); ++i) {
-        const int x = x0 + i % kPacketSide, y = y0 + i / kPacketSide;
-        if (x >= camera.width() || y >= camera.height()) continue;
-        place[count] = static_cast<std::size_t>(i);
-        at[count++] = {x + 0.5, y + 0.5};
-    }
+    const PacketPixels pixels(camera, x0, y0);
     if (parts_->plain) {
-        for (std::size_t r = 0; r < count; ++r) {
-            SlabList list{std::move(out[place[r]]), opaque_at};
-            parts_->plain->cast(camera.ray(at[r].x, at[r].y), list);
-            out[place[r]] = std::move(list.slabs);
+        for (std::size_t r = 0; r < pixels.count; ++r) {
+            std::vector<twin::Slab>& slabs = out[pixels.place[r]];
+            SlabList list{std::move(slabs), opaque_at};
+            parts_->plain->cast(camera.ray(pixels.at[r].x, pixels.at[r].y), list);
+            slabs = std::move(list.slabs);
         }
         return;
     }
     static thread_local Packet packet;
-    make_packet(camera, parts_->step, {parts_->fast.get()}, at, count, packet);
+    make_packet(camera, parts_->step, {parts_->fast.get()}, pixels.at, pixels.count, packet);
     HWY_DYNAMIC_DISPATCH(cast_slabs)(*parts_->fast, packet, {SlabMixing::average, true, 1 - opaque_at}, out);
     // Rays were packed; put them where their pixels are, from the last on.
-    for (std::size_t r = count; r-- > 0;)
-        if (place[r] != r) std::swap(out[r], out[place[r]]);
+    for (std::size_t r = pixels.count; r-- > 0;)
+        if (pixels.place[r] != r) std::swap(out[r], out[pixels.place[r]]);
+}
+
+void FastVolumeCaster::cast_collected(int x0, int y0, SlabCollector& collector, CollectedPacket& out) const {
+    const float opaque_at = collector.settings().opaque_at;
+    const bool in_lanes = parts_->fast && collector.settings().compression == SlabCompression::transmittance &&
+                          collector.room() <= RayNodes::most;
+    if (!in_lanes) {
+        static thread_local PacketSlabs all;
+        cast(x0, y0, opaque_at, all);
+        for (std::size_t i = 0; i < kPacketRays; ++i) {
+            collector.start();
+            for (const twin::Slab& slab : all[i])
+                if (!collector.push(slab)) break;
+            const auto kept = collector.finish();
+            out[i].slabs.assign(kept.begin(), kept.end());
+            out[i].seen = all[i].size();
+            out[i].nearest = all[i].empty() ? 0 : twin::slab_front(all[i].front());
+        }
+        return;
+    }
+    const Camera& camera = *parts_->camera;
+    const PacketPixels pixels(camera, x0, y0);
+    static thread_local Packet packet;
+    static thread_local PacketNodes nodes;
+    make_packet(camera, parts_->step, {parts_->fast.get()}, pixels.at, pixels.count, packet);
+    nodes.start(static_cast<std::uint32_t>(collector.room()));
+    const float least_clear = std::max(1 - opaque_at, SlabCollector::kNothing);
+    HWY_DYNAMIC_DISPATCH(collect_slabs)(*parts_->fast, packet, {SlabMixing::average, true, least_clear}, nodes);
+    for (auto& ray : out) {
+        ray.slabs.clear();
+        ray.seen = 0;
+    }
+    std::array<SlabCollector::Node, RayNodes::most> row;
+    for (std::size_t r = 0; r < pixels.count; ++r) {
+        const auto count = static_cast<std::size_t>(nodes.count[r]);
+        const auto& n = nodes.rays[r].rows;
+        using N = RayNodes;
+        for (std::size_t i = 0; i < count; ++i)
+            row[i] = {{n[N::z][i], n[N::d][i], n[N::r][i], n[N::g][i], n[N::b][i], n[N::a][i]},
+                      n[N::before][i],
+                      n[N::error][i]};
+        const auto kept = collector.finish(std::span(row).first(count));
+        Collected& ray = out[pixels.place[r]];
+        ray.slabs.assign(kept.begin(), kept.end());
+        ray.seen = static_cast<std::size_t>(nodes.seen[r]);
+        ray.nearest = nodes.nearest[r];
+    }
 }
 
 // ---- All volumes ------------------------------------------------------------------------------

@@ -14,12 +14,9 @@
 #include <vector>
 
 #include "cpu/multi_volume_caster.hpp"
+#include "cpu/packet_nodes.hpp"
 
 namespace pellucid {
-
-/// Side of a packet in pixels.
-inline constexpr int kPacketSide = 4;
-inline constexpr std::size_t kPacketRays = kPacketSide * kPacketSide;
 
 /// One volume; safe from several threads.
 class FastVolumeCaster {
@@ -34,6 +31,16 @@ public:
     /// The slabs with opacity > 0 of the rays of pixel centres x0 … x0 + 3, y0 … y0 + 3, row by row; of
     /// pixels beyond the image none. A ray ends where its accumulated opacity reaches `opaque_at`.
     void cast(int x0, int y0, float opaque_at, PacketSlabs& out) const;
+    /// What a collector keeps of a ray.
+    struct Collected {
+        std::vector<twin::Slab> slabs;
+        std::size_t seen = 0;  // slabs that came
+        float nearest = 0;     // front of the first one
+    };
+    using CollectedPacket = std::array<Collected, kPacketRays>;
+    /// The same slabs through the collector, bit by bit; in lanes where it collects by `transmittance` and no
+    /// more than nine layers.
+    void cast_collected(int x0, int y0, SlabCollector& collector, CollectedPacket& out) const;
     [[nodiscard]] std::size_t bytes() const;
 
 private:

@@ -141,22 +141,24 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const VolumeObject&
     const int height = scene.camera.height();
     std::atomic<std::uint64_t> pixels{0}, slabs{0};
     parallel_for(static_cast<std::size_t>((height + kPacketSide - 1) / kPacketSide), 1, [&](std::size_t begin, std::size_t end) {
-        FastVolumeCaster::PacketSlabs packet;
+        FastVolumeCaster::PacketSlabs all;
+        FastVolumeCaster::CollectedPacket collected;
+        SlabSettings rule = frame.settings();
+        rule.opaque_at = opaque_at;
+        SlabCollector collector(rule);
         for (int y0 = static_cast<int>(begin) * kPacketSide; y0 < static_cast<int>(end) * kPacketSide; y0 += kPacketSide)
             for (int x0 = 0; x0 < width; x0 += kPacketSide) {
-                caster.cast(x0, y0, opaque_at, packet);
+                if (on_the_fly) caster.cast(x0, y0, opaque_at, all);
+                else caster.cast_collected(x0, y0, collector, collected);
                 for (std::size_t i = 0; i < kPacketRays; ++i) {
-                    if (packet[i].empty()) continue;
+                    const std::span<const Slab> array = on_the_fly ? all[i] : collected[i].slabs;
+                    if (array.empty()) continue;
                     const auto x = static_cast<std::size_t>(x0) + i % kPacketSide;
                     const auto y = static_cast<std::size_t>(y0) + i / kPacketSide;
-                    const std::size_t pixel = y * static_cast<std::size_t>(width) + x;
-                    const float nearest = twin::slab_front(packet[i].front());
-                    if (on_the_fly)
-                        frame.intermix(pixel, packet[i], nearest);
-                    else
-                        frame.intermix_compressed(pixel, packet[i], nearest);
+                    const float nearest = on_the_fly ? twin::slab_front(array.front()) : collected[i].nearest;
+                    frame.intermix(y * static_cast<std::size_t>(width) + x, array, nearest);
                     pixels.fetch_add(1, std::memory_order_relaxed);
-                    slabs.fetch_add(packet[i].size(), std::memory_order_relaxed);
+                    slabs.fetch_add(on_the_fly ? array.size() : collected[i].seen, std::memory_order_relaxed);
                 }
             }
     });

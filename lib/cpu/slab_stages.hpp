@@ -26,6 +26,7 @@ public:
     SlabFrame(const ZThicknessSize& size, const SlabSettings& settings);
     ~SlabFrame();
 
+    [[nodiscard]] const SlabSettings& settings() const { return settings_; }
     [[nodiscard]] const ZThicknessBuffer& buffer() const { return buffer_; }
     /// Depth along the view axis of the nearest thing drawn, +inf where none.
     [[nodiscard]] std::span<const float> nearest() const { return nearest_; }

@@ -125,7 +125,8 @@ std::vector<Slab> compress_slabs(std::span<const Slab> slabs, std::size_t most, 
 }
 
 SlabCollector::SlabCollector(const SlabSettings& settings)
-    : compression_(settings.compression),
+    : settings_(settings),
+      compression_(settings.compression),
       most_(static_cast<std::size_t>(std::max(settings.layers, 2) - 1)),
       least_(std::max(1.0F - settings.opaque_at, kNothing)) {
     const bool looks_ahead = compression_ == SlabCompression::transmittance;
@@ -149,10 +150,11 @@ float SlabCollector::change_of_slope(const Fall& a, float gap, const Fall& b) {
 bool SlabCollector::joins_otherwise(const Slab& s, const Seen& seen) {
     bool joins = count_ + 1 == most_;
     if (compression_ == SlabCompression::slope) {
-        const float length = open_.z - open_.front;
-        joins = change_of_slope({length, open_.drop}, twin::slab_front(s) - open_.z, {s.d, seen.drop}) < tolerance_;
+        const float length = open_.slab.z - open_.front;
+        const float gap = twin::slab_front(s) - open_.slab.z;
+        joins = change_of_slope({length, open_.drop()}, gap, {s.d, seen.drop}) < tolerance_;
     }
-    if (joins) join(s, seen);
+    if (joins) join(s);
     return joins;
 }
 
@@ -179,7 +181,7 @@ void SlabCollector::open_another(const Slab& s, const Seen& seen) {
         if (best + 1 == count_) {
             const Node& last = nodes_[--count_];
             open(last.slab, last.before, 0.0F);
-            return join(s, seen);
+            return join(s);
         }
         merge_pair(best);
     }
@@ -189,11 +191,10 @@ void SlabCollector::open_another(const Slab& s, const Seen& seen) {
 void SlabCollector::close() {
     if (count_ == nodes_.size()) sweep();
     Node& node = nodes_[count_++];
-    node = {open_.first, open_.before, open_.error};
+    node = {open_.slab, open_.before, open_.error};
     if (open_.slabs == 1) return;
-    const float inverse = 1.0F / open_.before;
-    node.slab = {open_.z, twin::thickness_between(open_.front, open_.z), open_.r * inverse, open_.g * inverse,
-                 open_.b * inverse, std::min(open_.drop * inverse, 1.0F)};
+    node.slab.d = twin::thickness_between(open_.front, open_.slab.z);
+    node.slab.a = std::min(open_.slab.a, 1.0F);
 }
 
 void SlabCollector::merge_pair(std::size_t i) {
@@ -203,38 +204,33 @@ void SlabCollector::merge_pair(std::size_t i) {
     --count_;
 }
 
-/// Four times the mean of those costs that are not above the mean of all, about the lower half: after four sweeps a
-/// ray of 256 steps has its tolerance. A factor of one takes twelve, and keeps no better curve.
+/// So many times the geometric mean of the costs: after four sweeps a ray of 256 steps has its tolerance. More
+/// loses detail, and less takes more sweeps.
 constexpr float kToleranceStep = 4.0F;
 
-/// ε rises. The least cost is within it, so that there is room after the sweep.
+/// A float's bits are its logarithm, nearly; and sums of whole numbers are the same in any order.
+float SlabCollector::tolerance_after(float tolerance, float least, std::uint32_t sum, std::uint32_t pairs) {
+    const float mean = twin::uintBitsToFloat((sum / pairs) << kCostShift);
+    return std::max({tolerance, least, kToleranceStep * mean});
+}
+
+/// ε rises. The least cost is within it, so that there is room after the sweep. No slab is in two pairs.
 void SlabCollector::sweep() {
-    float sum = 0;
     float least = kNever;
+    std::uint32_t sum = 0;
     for (std::size_t i = 0; i + 1 < count_; ++i) {
         costs_[i] = nodes_[i].error + nodes_[i + 1].error + cost_of(nodes_[i], nodes_[i + 1]);
-        sum += costs_[i];
         least = std::min(least, costs_[i]);
+        sum += twin::floatBitsToUint(costs_[i]) >> kCostShift;
     }
-    const float mean = sum / static_cast<float>(count_ - 1);
-    float low_sum = 0;
-    float low_count = 0;
-    for (std::size_t i = 0; i + 1 < count_; ++i) {
-        low_sum += costs_[i] <= mean ? costs_[i] : 0.0F;
-        low_count += costs_[i] <= mean ? 1.0F : 0.0F;
-    }
-    tolerance_ = std::max({tolerance_, least, kToleranceStep * low_sum / std::max(low_count, 1.0F)});
+    tolerance_ = tolerance_after(tolerance_, least, sum, static_cast<std::uint32_t>(count_ - 1));
     std::size_t kept = 0;
-    for (std::size_t i = 1; i < count_; ++i) {
-        const float error = nodes_[kept].error + nodes_[i].error + cost_of(nodes_[kept], nodes_[i]);
-        if (error <= tolerance_) {
-            nodes_[kept].slab = joined(nodes_[kept].slab, nodes_[i].slab);
-            nodes_[kept].error = error;
-        } else {
-            nodes_[++kept] = nodes_[i];
-        }
+    for (std::size_t i = 0; i < count_; ++kept) {
+        const bool pair = i + 1 < count_ && costs_[i] <= tolerance_;
+        nodes_[kept] = pair ? Node{joined(nodes_[i].slab, nodes_[i + 1].slab), nodes_[i].before, costs_[i]} : nodes_[i];
+        i += pair ? 2 : 1;
     }
-    count_ = kept + 1;
+    count_ = kept;
 }
 
 /// Pair by pair, the least cost first, as many as fit.
@@ -254,6 +250,17 @@ void SlabCollector::keep_dearest() {
 std::span<const Slab> SlabCollector::finish() {
     if (open_.slabs > 0) close();
     open_.slabs = 0;
+    return finish_closed();
+}
+
+std::span<const Slab> SlabCollector::finish(std::span<const Node> nodes) {
+    assert(nodes.size() <= nodes_.size());
+    std::copy(nodes.begin(), nodes.end(), nodes_.begin());
+    count_ = nodes.size();
+    return finish_closed();
+}
+
+std::span<const Slab> SlabCollector::finish_closed() {
     if (count_ > most_) keep_dearest();
     for (std::size_t i = 0; i < count_; ++i) slabs_[i] = nodes_[i].slab;
     return {slabs_.data(), count_};

@@ -16,6 +16,7 @@
 
 #include <cmath>
 #include <cstddef>
+#include <cstdint>
 #include <span>
 #include <vector>
 
@@ -34,10 +35,20 @@ namespace pellucid {
 
 /// The same while a ray is cast: sorted slabs come one by one, at most `layers` − 1 stay. After construction nothing
 /// is allocated. `tail` and `slope` are as above. `transmittance` looks at up to 2(N − 1) slabs at one time: one that can
-/// join the last at no more than what merging has cost so far does so at once; where room is needed, neighbours
-/// that cost little merge in one sweep; what is left at the end goes by least cost.
+/// join the last at no more than what merging has cost so far does so at once; where room is needed, pairs of
+/// neighbours that cost little merge in one sweep; what is left at the end goes by least cost.
 class SlabCollector {
 public:
+    /// A transmittance that no colour survives; products with it are normal numbers.
+    static constexpr float kNothing = 1e-30F;
+    /// Steps of a ray touch but for rounding.
+    static constexpr float kTouching = 1.0F / 64;
+    struct Node {
+        twin::Slab slab;
+        float before;  // transmittance in front of it
+        float error;   // what merging within it has cost
+    };
+
     explicit SlabCollector(const SlabSettings& settings);
 
     /// Begins a ray.
@@ -62,48 +73,50 @@ public:
     /// The array, sorted; valid until the next start(). Call it once a ray.
     [[nodiscard]] std::span<const twin::Slab> finish();
 
-private:
-    /// A transmittance that no colour survives; products with it are normal numbers.
-    static constexpr float kNothing = 1e-30F;
-    /// Steps of a ray touch but for rounding.
-    static constexpr float kTouching = 1.0F / 64;
+    [[nodiscard]] const SlabSettings& settings() const { return settings_; }
+    /// How many slabs are looked at.
+    [[nodiscard]] std::size_t room() const { return nodes_.size(); }
+    /// finish() of a ray that was collected elsewhere by the same rule, such as in lanes: at most room() nodes.
+    [[nodiscard]] std::span<const twin::Slab> finish(std::span<const Node> nodes);
+    /// ε of a sweep over so many pairs, from the least of their costs and the sum of the bits of all, each
+    /// shifted down by kCostShift.
+    [[nodiscard]] static float tolerance_after(float tolerance, float least, std::uint32_t sum, std::uint32_t pairs);
+    static constexpr int kCostShift = 8;
 
+private:
     /// What the eye gets of a slab: the transmittance in front of it and what it takes of that.
     struct Seen {
         float before, drop;
     };
-    struct Node {
-        twin::Slab slab;
-        float before;  // transmittance in front of it
-        float error;   // what merging within it has cost
-    };
-    /// The last slab, which others may join: sums of what reaches the eye, since sums are quick.
+    /// The last slab, which others may join. Its thickness is set when it closes.
     struct Open {
-        float front, z;
-        float before, drop, r, g, b;
-        float error;
+        twin::Slab slab;
+        float front, clear;  // where it begins, and what passes through it
+        float before, error;
         std::size_t slabs;  // in it
-        twin::Slab first;
+        [[nodiscard]] float drop() const { return before * slab.a; }
     };
 
     void open(const twin::Slab& s, float before, float error) {
-        open_ = {twin::slab_front(s), s.z, before, before * s.a, before * s.r, before * s.g, before * s.b, error, 1, s};
+        open_ = {s, twin::slab_front(s), 1.0F - s.a, before, error, 1};
     }
-    void join(const twin::Slab& s, const Seen& seen) {
-        open_.z = s.z;
-        open_.drop += seen.drop;
-        open_.r += seen.before * s.r;
-        open_.g += seen.before * s.g;
-        open_.b += seen.before * s.b;
+    void join(const twin::Slab& s) {
+        open_.slab.z = s.z;
+        open_.slab.r += open_.clear * s.r;
+        open_.slab.g += open_.clear * s.g;
+        open_.slab.b += open_.clear * s.b;
+        open_.slab.a += open_.clear * s.a;
+        open_.clear *= 1.0F - s.a;
         ++open_.slabs;
     }
 
     [[nodiscard]] bool joins(const twin::Slab& s, const Seen& seen) {
         if (compression_ != SlabCompression::transmittance) return joins_otherwise(s, seen);
-        const float cost = cost_of({open_.z - open_.front, open_.drop}, twin::slab_front(s) - open_.z, {s.d, seen.drop});
+        const float cost = cost_of({open_.slab.z - open_.front, open_.drop()},
+                                   twin::slab_front(s) - open_.slab.z, {s.d, seen.drop});
         const float error = open_.error + cost;
         if (!(error <= tolerance_)) return false;
-        join(s, seen);
+        join(s);
         open_.error = error;
         return true;
     }
@@ -129,7 +142,9 @@ private:
     void merge_pair(std::size_t i);
     void sweep();
     void keep_dearest();
+    [[nodiscard]] std::span<const twin::Slab> finish_closed();
 
+    SlabSettings settings_;
     SlabCompression compression_;
     std::size_t most_;
     float least_;
