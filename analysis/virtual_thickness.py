@@ -35,7 +35,7 @@ def transitions(result) -> None:
     ax.set(xscale="log", xlabel="thickness, pixels", title="fits by Ceres", ylim=(0, 2.4))
     ax.set_xticks(sorted(fits.thickness_px.unique()), [f"{t:g}" for t in sorted(fits.thickness_px.unique())])
     ax.minorticks_off()
-    ax.legend(loc="center right")
+    ax.legend(loc="center", bbox_to_anchor=(0.5, 0.66), fontsize=7)
     opaque = fits
     common.save(fig, result.folder, "transition", caption=(
         "Two surfaces that cross, each a virtual slab under the modified interpolation: the share that one of them has of a pixel's "
