@@ -439,9 +439,9 @@ private:
             keep(tracer, i, strata, tracer.signature, false);
             return;
         }
-        // Rays through volumes are dear, and many pixels of them even: first a pilot that asks whether 16 will do.
+        // Rays through volumes are dear, and many pixels of them even: at the first look a pilot asks whether 16 will do.
         Signature met;
-        if (!scene_.volumes.empty() && strata == kPilotStrata) {
+        if (!scene_.volumes.empty() && strata_[i] == 0) {
             tracer.trace(x, y, kFewStrata, true);
             met = tracer.signature;
             if (met.unanimous() && tracer.worst_error() <= settings_.max_error) {
