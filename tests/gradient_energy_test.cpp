@@ -44,7 +44,9 @@ TEST(GradientEnergy, BandsHaveTheEnergyOfTheirSlopeAtAnyPhase) {
                 }
                 const double expected = raw * std::abs(left / weights);
                 const GradientDifference d = gradient_difference(bands, even, ppd);
-                EXPECT_NEAR(d.excess, expected, 0.02 * expected + 3e-5) << period << " " << ppd;
+                // Where the eye leaves little of a wave, what is seen is its end at the borders.
+                const double borders = ppd > 1 ? 0.05 * raw : 0;
+                EXPECT_NEAR(d.excess, expected, 0.02 * expected + borders) << period << " " << ppd;
                 EXPECT_LE(d.lack, 1e-12);
                 EXPECT_NEAR(gradient_difference(even, bands, ppd).lack, d.excess, 1e-12);
             }
@@ -70,7 +72,10 @@ TEST(GradientEnergy, AnEdgeInTheNextPixelIsNotABand) {
     const RgbImage truth = picture(64, 16, [](double x, double) { return edge(30, x); });
     const RgbImage off = picture(64, 16, [](double x, double) { return edge(31, x); });
     const RgbImage band = picture(64, 16, [](double x, double) { return x == 50 ? 0.2 : edge(30, x); });
-    EXPECT_LT(gradient_difference(off, truth).excess, 0.5 * gradient_difference(band, truth).excess);
+    EXPECT_LT(gradient_difference(off, truth, 1e-3).excess, 0.5 * gradient_difference(band, truth, 1e-3).excess);
+    // As the eye has it, it is less than the edge itself: half of its energy.
+    const RgbImage even = picture(64, 16, [](double, double) { return 0.2; });
+    EXPECT_LT(gradient_difference(off, truth).excess, 0.7 * gradient_difference(truth, even).excess);
 }
 
 TEST(GradientEnergy, ADriftOfTheSameSizeCountsLittle) {

@@ -5,7 +5,7 @@
 // eye has it, blurred so that a gradient is largest at 8 cycles per degree, where the eye's contrast sensitivity is
 // (J. Mannos, D. Sakrison, The effects of a visual fidelity criterion on the encoding of images, IEEE Trans.
 // Information Theory 20, 1974; experiment visibility_interpolation sets both side by side). Energies are averaged over
-// a small window before they are compared, so that an edge in the wrong pixel is not a band.
+// a small window before they are compared, so that an edge in the neighbouring pixel counts half, not twice.
 #pragma once
 
 #include "measure/flip.hpp"
