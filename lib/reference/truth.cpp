@@ -441,7 +441,7 @@ private:
         }
         // Rays through volumes are dear, and many pixels of them even: first a pilot that asks whether 16 will do.
         Signature met;
-        if (!scene_.volumes.empty() && strata == kPilotStrata) {
+        if (strata == kFewStrata) {
             tracer.trace(x, y, kFewStrata, true);
             met = tracer.signature;
             if (met.unanimous() && tracer.worst_error() <= settings_.max_error) {
@@ -450,6 +450,7 @@ private:
                 if (met.unanimous() && tracer.worst_error() <= kLuckyPilot * settings_.max_error)
                     return keep(tracer, i, kFewStrata, met, false);
             }
+            strata = kPilotStrata;
         }
         tracer.trace(x, y, kPilotStrata, true);
         met.add(tracer.signature);
@@ -519,7 +520,8 @@ Image trace_truth(const PreparedScene& scene, const TruthSettings& settings, Tru
     TruthImage truth(scene, rays, settings);
     std::vector<std::size_t> pixels(truth.image.pixel_count());
     std::iota(pixels.begin(), pixels.end(), std::size_t{0});
-    truth.trace(pixels, settings.samples ? strata_of(*settings.samples) : kPilotStrata, stats, progress);
+    truth.trace(pixels, settings.samples ? strata_of(*settings.samples) : scene.volumes.empty() ? kPilotStrata : kFewStrata,
+                stats, progress);
     // Finding something makes neighbours doubtful in turn: thin things are followed along.
     const int strata = std::min(kDoubtStrata, truth.finest());
     if (!settings.samples)
