@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <atomic>
+#include <cfenv>
 #include <cmath>
 #include <limits>
 
@@ -87,7 +88,23 @@ constexpr double kOneFace = 1e-13;
     return shape.field() && next.t - last.t <= kOneFace * (unit + next.t + eye);
 }
 
+/// Embree builds with numbers below 1e-38 flushed to zero; samples of volumes may be such.
+class PlainArithmetic {
+public:
+    PlainArithmetic() {
+        std::fegetenv(&before_);
+        std::fesetenv(FE_DFL_ENV);
+    }
+    ~PlainArithmetic() { std::fesetenv(&before_); }
+    PlainArithmetic(const PlainArithmetic&) = delete;
+    PlainArithmetic& operator=(const PlainArithmetic&) = delete;
+
+private:
+    std::fenv_t before_{};
+};
+
 void patch_bounds(const RTCBoundsFunctionArguments* args) {
+    const PlainArithmetic plain;
     const auto& ref = *static_cast<const ObjectRef*>(args->geometryUserPtr);
     std::array<Vec3, 8> corners;
     const int count = ref.object->geometry->body(args->primID).vertices(corners);
