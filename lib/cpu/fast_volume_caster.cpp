@@ -411,33 +411,24 @@ public:
     /// Before step i, wherever the rays were before.
     HWY_INLINE void prime(V i) {
         u_ = clamp(i, u_in_, u_out_);
-        value_ = value_of(cell_at(volume_->packed, index(u_)));
+        value_ = value_at(u_);
         piece_ = piece_of(volume_->packed.transfer, value_);
+    }
+    /// prime() for whole steps, whose samples are read one step ahead: memory answers while a step is looked at.
+    HWY_INLINE void prime_ahead(float i) {
+        prime(set(i));
+        next_value_ = value_at(clamp(set(i + 1), u_in_, u_out_));
     }
     /// Of those that are `alive`, on to u = `target`.
     HWY_INLINE StepLook step(V target, M alive, const V3& viewer) {
         const V u = clamp(target, u_in_, u_out_);
-        const V share = hn::Sub(u, u_);
-        const V value = value_of(cell_at(volume_->packed, index(u)));
-        const M inside = hn::And(alive, hn::Gt(share, set(0)));
-        W piece = piece_;
-        StepLook look = preintegrate(volume_->packed.transfer, value_, value,
-                                     hn::Mul(share, set(volume_->steps)), inside, piece);
-        if (volume_->lit && !hn::AllFalse(F(), hn::Gt(look.opacity, set(0)))) {
-            const V middle = hn::Mul(set(0.5F), hn::Add(u_, u));
-            const V3 gradient = gradient_of(cell_at(volume_->packed, index(middle)));
-            look.color = lit_color(*volume_, look.color, look.opacity, gradient, viewer);
-        }
-        // Where a ray was not looked at its piece may be another one: after numbers that are none, and before
-        // it comes in.
-        const M followed = hn::And(inside, hn::Eq(value_, value_));
-        if (HWY_UNLIKELY(!hn::AllTrue(F(), hn::Or(followed, hn::Eq(value, value_)))))
-            piece = piece_of(volume_->packed.transfer, value);
-        piece_ = piece;
-        begin_ = u_;
-        u_ = u;
-        value_ = value;
-        return look;
+        return advance(u, value_at(u), alive, viewer);
+    }
+    /// From i to i + 1, after prime_ahead(i) or step_ahead(i - 1).
+    HWY_INLINE StepLook step_ahead(float i, M alive, const V3& viewer) {
+        const V value = next_value_;
+        next_value_ = value_at(clamp(set(i + 2), u_in_, u_out_));
+        return advance(clamp(set(i + 1), u_in_, u_out_), value, alive, viewer);
     }
     /// The first step from i on in which any of the rays that are `alive` may see something; kNever.
     HWY_INLINE float next_step(V i, M alive) const {
@@ -483,6 +474,29 @@ public:
     [[nodiscard]] HWY_INLINE V back() const { return u_; }
 
 private:
+    [[nodiscard]] HWY_INLINE V value_at(V u) const { return value_of(cell_at(volume_->packed, index(u))); }
+    HWY_INLINE StepLook advance(V u, V value, M alive, const V3& viewer) {
+        const V share = hn::Sub(u, u_);
+        const M inside = hn::And(alive, hn::Gt(share, set(0)));
+        W piece = piece_;
+        StepLook look = preintegrate(volume_->packed.transfer, value_, value,
+                                     hn::Mul(share, set(volume_->steps)), inside, piece);
+        if (volume_->lit && !hn::AllFalse(F(), hn::Gt(look.opacity, set(0)))) {
+            const V middle = hn::Mul(set(0.5F), hn::Add(u_, u));
+            const V3 gradient = gradient_of(cell_at(volume_->packed, index(middle)));
+            look.color = lit_color(*volume_, look.color, look.opacity, gradient, viewer);
+        }
+        // Where a ray was not looked at its piece may be another one: after numbers that are none, and before
+        // it comes in.
+        const M followed = hn::And(inside, hn::Eq(value_, value_));
+        if (HWY_UNLIKELY(!hn::AllTrue(F(), hn::Or(followed, hn::Eq(value, value_)))))
+            piece = piece_of(volume_->packed.transfer, value);
+        piece_ = piece;
+        begin_ = u_;
+        u_ = u;
+        value_ = value;
+        return look;
+    }
     [[nodiscard]] HWY_INLINE V3 index(V u) const {
         const auto axis = [&](V p, V d, std::size_t a) {
             return clamp(add_product(p, u, d), set(0), set(volume_->packed.last[a]));
@@ -493,7 +507,7 @@ private:
     const FastVolume* volume_;
     V3 p_, d_;
     V u_in_, u_out_;
-    V u_, value_, begin_;
+    V u_, value_, begin_, next_value_;
     W piece_;
 };
 
@@ -529,9 +543,9 @@ HWY_INLINE void cast_rays(const FastVolume& volume, const Packet& packet, const 
                 primed = false;
             }
         }
-        if (!primed) walk.prime(set(i));
+        if (!primed) walk.prime_ahead(i);
         primed = true;
-        const StepLook look = walk.step(set(i + 1), alive, rays.viewer);
+        const StepLook look = walk.step_ahead(i, alive, rays.viewer);
         const M seen = hn::Gt(look.opacity, set(0));
         look_ahead = hn::AllFalse(F(), seen);
         if (look_ahead) continue;
@@ -704,7 +718,9 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
             i = soonest;
             std::array<bool, kMostVolumes> seen{};
             for (std::size_t v = 0; v < count; ++v) {
-                if (next[v] <= i && primed[v] != i) walks[v].prime(set(i));
+                if (next[v] > i || primed[v] == i) continue;
+                if (packet.has_layers) walks[v].prime(set(i));
+                else walks[v].prime_ahead(i);
             }
             for (;;) {
                 const V target = hn::Min(set(i + 1), load(layers.u, 0));
@@ -712,7 +728,8 @@ void cast_sums(const std::vector<FastVolume>& volumes, const Packet& packet, con
                 V begin = set(Walk::kNever);
                 for (std::size_t v = 0; v < count; ++v) {
                     if (next[v] > i) continue;
-                    const StepLook look = walks[v].step(target, alive, rays.viewer);
+                    const StepLook look = packet.has_layers ? walks[v].step(target, alive, rays.viewer)
+                                                            : walks[v].step_ahead(i, alive, rays.viewer);
                     const M visible = hn::Gt(look.opacity, set(0));
                     if (hn::AllFalse(F(), visible)) continue;
                     seen[v] = true;
