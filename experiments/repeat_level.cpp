@@ -22,6 +22,7 @@ struct Settings {
     std::vector<std::string> samplers, biased;
     std::vector<std::int64_t> repeats;
     std::uint32_t seeds;
+    std::uint32_t groups;
     TruthSettings truth;
     double gain_from, gain_limit;
 };
@@ -33,6 +34,7 @@ Settings read_settings(const ConfigTable& t) {
                t.texts("biased", kRequired),
                t.integers("repeats", kRequired, {1, 1 << 20}, {.min = 3}),
                static_cast<std::uint32_t>(t.integer("seeds", kRequired, {2, 1000})),
+               static_cast<std::uint32_t>(t.integer("groups", kRequired, {1, 1000})),
                {PixelFilter::particle, {}, t.number("truth_error", kRequired, above(0)),
                 static_cast<int>(t.integer("truth_samples", kRequired, {64, 1 << 20}))},
                t.number("gain_from", kRequired, above(0)),
@@ -49,9 +51,11 @@ struct Outcome {
     double sampling_s = 0, drawing_s = 0;
 };
 
-Outcome draw(const PreparedScene& scene, const Image& truth, const SamplerChoice& sampler, std::uint32_t repeats, Seed seed) {
+Outcome draw(const PreparedScene& scene, const Image& truth, const SamplerChoice& sampler, std::uint32_t repeats,
+             std::uint32_t groups, Seed seed) {
     ParticleSettings settings{.repeats = repeats};
     sampler.apply(settings);
+    if (settings.kind == SamplerKind::stratified) settings.group = std::max(1U, repeats / groups);
     settings.sampler.seed = seed;
     RenderStats stats;
     const Image image = render_particles(scene, settings, stats);
@@ -191,7 +195,7 @@ void run(Experiment& ex) {
             const auto repeats = static_cast<std::uint32_t>(each);
             std::vector<Outcome> outcomes;
             for (std::uint32_t k = 0; k < s.seeds; ++k)
-                outcomes.push_back(draw(scene, truth, sampler, repeats,
+                outcomes.push_back(draw(scene, truth, sampler, repeats, s.groups,
                                         derived_seed(ex.seed(), 1000 + std::uint64_t{repeats} * 1000 + k)));
             const Row row = summarised(repeats, outcomes);
             csv.row(name, each, row.rmse, row.rmse_error, std::sqrt(floor / repeats), row.particles, row.sampling_s, row.drawing_s);
