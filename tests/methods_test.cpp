@@ -2,6 +2,7 @@
 #include "render/method.hpp"
 
 #include "core/error.hpp"
+#include "scene/geometry.hpp"
 #include "scene_testing.hpp"
 
 namespace pellucid {
@@ -37,6 +38,31 @@ TEST(Methods, WhatCannotBeDrawnIsRefusedByName) {
             }
             EXPECT_NO_THROW(require_drawable(method, scene_from(head)));
         }
+}
+
+/// The key of a scene's surface. A shape that is new has no overload here, and does not compile.
+struct KeyOfShape {
+    std::string operator()(const ImplicitShape&) const { return "implicit"; }
+    std::string operator()(const ExpressionShape&) const { return "expression"; }
+    std::string operator()(const IsosurfaceShape&) const { return "isosurface"; }
+    std::string operator()(const MeshShape&) const { return "mesh"; }
+    std::string operator()(const PointsShape&) const { return "points"; }
+    std::string operator()(const RectangleShape&) const { return "rectangle"; }
+    std::string operator()(const SliceShape&) const { return "slice"; }
+};
+
+template <std::size_t... kIndex>
+std::vector<Shape> one_of_each(std::index_sequence<kIndex...>) {
+    return {Shape(std::variant_alternative_t<kIndex, Shape>{})...};
+}
+
+TEST(Methods, SummariesNameEveryShapeThatHasAGeometry) {
+    for (const Shape& shape : one_of_each(std::make_index_sequence<std::variant_size_v<Shape>>{})) {
+        if (!has_geometry(shape)) continue;
+        const std::string key = std::visit(KeyOfShape{}, shape);
+        for (const std::string_view name : {"particles", "reference", "slabs"})
+            EXPECT_NE(method_by_name(name).summary.find(key), std::string_view::npos) << name << ": " << key;
+    }
 }
 
 TEST(Methods, StratifiedRefusesWhatItWouldIgnore) {

@@ -391,9 +391,10 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
 }
 
 Method particles_method() {
+    static const std::string kSummary = fmt::format("opaque particles, ensemble mean (PBSR, PBVR): {}; volumes", kEveryShape);
     return {
         "particles",
-        "opaque particles, ensemble mean (PBSR, PBVR): implicit, expression, mesh, rectangle, isosurface, slice; volumes",
+        kSummary,
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
