@@ -84,5 +84,26 @@ TEST(Methods, StratifiedRefusesWhatItWouldIgnore) {
     }
 }
 
+TEST(Methods, SettingsThatASamplerDoesNotReadAreWarnedOf) {
+    const PreparedScene scene = prepare(scene_from("image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n[[surface]]\nimplicit = \"sphere\"\n"));
+    const auto said = [&](const std::string& sampler, const std::string& setting) {
+        const Config config = Config::parse("particles.sampler = \"" + sampler + "\"\nparticles." + setting, "settings");
+        testing::internal::CaptureStderr();
+        method_by_name("particles").check_settings({.scene = scene, .settings = config.root().table("particles"), .seed = {1}, .max_error = {}});
+        return testing::internal::GetCapturedStderr();
+    };
+    struct Case {
+        std::string setting, reader, other;
+    };
+    for (const Case& c : {Case{"lines = \"fast\"", "lines", "brownian"}, Case{"lines = \"fast\"", "mesh", "octree"},
+                          Case{"group = 4", "stratified", "lines"}, Case{"walk.step = 0.1", "brownian", "lines"},
+                          Case{"mesh.cells = 9", "mesh", "octree"}, Case{"octree.cells = 9", "octree", "mesh"},
+                          Case{"memory_mib = 9", "lines", "stratified"}}) {
+        EXPECT_EQ(said(c.reader, c.setting), "") << c.setting;
+        const std::string key = c.setting.substr(0, c.setting.find(' '));
+        EXPECT_EQ(said(c.other, c.setting), "warning: particles." + key + " is not read by particles.sampler = \"" + c.other + "\"\n");
+    }
+}
+
 }  // namespace
 }  // namespace pellucid
