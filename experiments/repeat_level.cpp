@@ -11,6 +11,7 @@
 #include "reference/truth.hpp"
 #include "render/particles.hpp"
 #include "study/sampler_choice.hpp"
+#include "study/stage_seconds.hpp"
 
 using namespace pellucid;
 
@@ -68,8 +69,8 @@ Outcome draw(const PreparedScene& scene, const Image& truth, const SamplerChoice
         }
     }
     out.particles = static_cast<double>(stats.particles);
-    out.sampling_s = stats.stages[0].wall_s + stats.stages[1].wall_s;
-    out.drawing_s = stats.stages[2].wall_s;
+    out.sampling_s = stage_seconds(stats, "cut into pieces") + stage_seconds(stats, "sample particles");
+    out.drawing_s = stage_seconds(stats, "project and average");
     return out;
 }
 
