@@ -4,6 +4,7 @@
 """
 from __future__ import annotations
 
+import math
 import sys
 
 import numpy as np
@@ -40,14 +41,11 @@ def main() -> None:
         if case == "curvature":
             ax.plot(rows.x, rows.series, color=common.COLORS[1], ls="--", lw=0.9, label="1 + (κ₁ − κ₂)² r²/32")
         ax.set(xlabel=label, ylabel="area inside over the great circle's", title=title)
-        twin = ax.twinx()
-        twin.set_ylim([1 - 0.5 ** (1 / max(v, 0.2)) for v in ax.get_ylim()])
-        twin.plot(rows.x, rows.opacity_of_half, "s", mfc="none", color=common.COLORS[2], label="opacity for 0.5")
-        twin.set_ylabel("achieved for a wished 0.5")
-        twin.grid(False)
-        lines = ax.get_legend_handles_labels()
-        more = twin.get_legend_handles_labels()
-        ax.legend(lines[0] + more[0], lines[1] + more[1], loc="best")
+        # The density is off by the inverse of the ratio, and (1) says what opacity that gives.
+        other = ax.secondary_yaxis("right", functions=(lambda ratio: 1 - 0.5 ** (1 / np.maximum(ratio, 0.05)),
+                                                       lambda opacity: math.log(0.5) / np.log1p(-np.clip(opacity, 0.05, 1 - 1e-6))))
+        other.set_ylabel("achieved for a wished 0.5")
+        ax.legend(loc="best")
 
     worst = control.loc[(control.counted - control.wished).abs().idxmax()]
     common.save(fig, result.folder, "opacity_control", caption=(

@@ -6,8 +6,6 @@ from __future__ import annotations
 
 import sys
 
-import numpy as np
-
 import common
 
 LABELS = {"lines": "random lines, exact", "fast": "random lines, fast", "stratified": "stratified", "brownian": "Brownian motion",
@@ -47,15 +45,15 @@ def main() -> None:
         ax.errorbar(gain.repeats, gain.variance_ratio, yerr=gain.variance_ratio_error, fmt="o-", color=common.COLORS[2],
                     label="stratified over independent")
         ax.set(xscale="log", xlabel="repeats $L_R$", ylabel="variance ratio at equal particles", ylim=(0, None), title="gain")
-        ax.legend(loc="upper right")
+        ax.legend(loc="upper right", bbox_to_anchor=(1, 0.93))
         last = gain.iloc[-1]
         text = f" At {last.repeats:.0f} repeats stratified sets have {last.variance_ratio:.3f} of the variance at equal particles."
     biases = "; ".join(f"{LABELS.get(n, n)} {1e5 * b.bias:+.1f} ± {1e5 * b.bias_error:.1f}" for n, b in bias.iterrows())
     common.save(fig, result.folder, "repeat_level", caption=(
         "A ring through a ball, up to six sheets of two objects: error beside the ray-traced truth (particle filter) over the number of "
         "repeats, bars one standard error over seeds; the same over time on "
-        f"{result.summary['host']['cpu']}, {result.summary['host']['threads']} threads.{text} Groups are a quarter of the repeats, so few "
-        f"repeats have little to share. Mean colour beside the truth, in 1e-5: {biases}."))
+        f"{result.summary['host']['cpu']}, {result.summary['host']['threads']} threads.{text} Repeats of stratified sets "
+        f"are cut into {result.summary['config']['groups']} groups, so that few repeats have little to share. Mean colour beside the truth, in 1e-5: {biases}."))
 
 
 if __name__ == "__main__":

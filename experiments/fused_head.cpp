@@ -11,6 +11,7 @@
 #include "reference/truth.hpp"
 #include "render/particles.hpp"
 #include "study/coverage_tables.hpp"
+#include "study/stage_seconds.hpp"
 
 using namespace pellucid;
 
@@ -195,8 +196,8 @@ void write_table(Experiment& ex, const Settings& s, const Pictures& p) {
     for (std::size_t i = 0; i < p.stats.size(); ++i) {
         const Backend& backend = ex.backends()[i];
         const std::vector<Stage>& stages = p.stats[i].stages;
-        const double sampling_s = stages[0].wall_s + stages[1].wall_s;
-        const double draw_s = stages[2].wall_s;
+        const double sampling_s = stage_seconds(p.stats[i], "cut into pieces") + stage_seconds(p.stats[i], "sample particles");
+        const double draw_s = stage_seconds(p.stats[i], "project and average");
         std::optional<double> device_s;
         for (const Stage& stage : stages)
             if (stage.device_s) device_s = device_s.value_or(0) + *stage.device_s;

@@ -10,7 +10,9 @@
 #include "measure/statistics.hpp"
 #include "reference/truth.hpp"
 #include "render/particles.hpp"
+#include "sample/stratify.hpp"
 #include "study/sampler_choice.hpp"
+#include "study/stage_seconds.hpp"
 
 using namespace pellucid;
 
@@ -20,11 +22,11 @@ struct Settings {
     std::filesystem::path scene;
     std::vector<std::int64_t> resolution;
     std::vector<std::string> samplers, biased;
-    std::vector<std::int64_t> repeats;
+    std::vector<std::int64_t> repeats, biased_repeats;
     std::uint32_t seeds;
-    std::uint32_t groups;
     TruthSettings truth;
     double gain_from, gain_limit;
+    std::uint32_t groups;  // of stratified sets
 };
 
 Settings read_settings(const ConfigTable& t) {
@@ -33,12 +35,13 @@ Settings read_settings(const ConfigTable& t) {
                t.texts("samplers", kRequired),
                t.texts("biased", kRequired),
                t.integers("repeats", kRequired, {1, 1 << 20}, {.min = 3}),
+               t.integers("biased_repeats", kRequired, {1, 1 << 20}, {.min = 3}),
                static_cast<std::uint32_t>(t.integer("seeds", kRequired, {2, 1000})),
-               static_cast<std::uint32_t>(t.integer("groups", kRequired, {1, 1000})),
                {PixelFilter::particle, {}, t.number("truth_error", kRequired, above(0)),
                 static_cast<int>(t.integer("truth_samples", kRequired, {64, 1 << 20}))},
                t.number("gain_from", kRequired, above(0)),
-               t.number("gain_limit", kRequired, above(0))};
+               t.number("gain_limit", kRequired, above(0)),
+               static_cast<std::uint32_t>(t.integer("groups", kRequired, {1, 1024}))};
     for (const std::string& name : s.samplers) (void)sampler_choice(name);
     return s;
 }
@@ -52,10 +55,9 @@ struct Outcome {
 };
 
 Outcome draw(const PreparedScene& scene, const Image& truth, const SamplerChoice& sampler, std::uint32_t repeats,
-             std::uint32_t groups, Seed seed) {
-    ParticleSettings settings{.repeats = repeats};
+             std::uint32_t group, Seed seed) {
+    ParticleSettings settings{.repeats = repeats, .group = group};
     sampler.apply(settings);
-    if (settings.kind == SamplerKind::stratified) settings.group = std::max(1U, repeats / groups);
     settings.sampler.seed = seed;
     RenderStats stats;
     const Image image = render_particles(scene, settings, stats);
@@ -72,8 +74,8 @@ Outcome draw(const PreparedScene& scene, const Image& truth, const SamplerChoice
         }
     }
     out.particles = static_cast<double>(stats.particles);
-    out.sampling_s = stats.stages[0].wall_s + stats.stages[1].wall_s;
-    out.drawing_s = stats.stages[2].wall_s;
+    out.sampling_s = stage_seconds(stats, "cut into pieces") + stage_seconds(stats, "sample particles");
+    out.drawing_s = stage_seconds(stats, "project and average");
     return out;
 }
 
@@ -188,14 +190,22 @@ void run(Experiment& ex) {
 
     CsvWriter& csv = ex.csv("errors", {"sampler", "repeats", "rmse", "rmse_error", "floor", "particles", "sampling_s", "draw_s"});
     Rows rows;
-    auto progress = ex.progress("drawings", s.samplers.size() * s.repeats.size());
+    // Of so many repeats the default is the largest group that fits into its memory.
+    const std::uint32_t most_group = default_group(scene, make_sources(scene), 1U << 20U, ParticleSettings{}.oversampling);
+    const auto repeats_of = [&](const std::string& name) -> const std::vector<std::int64_t>& {
+        return std::ranges::find(s.biased, name) == s.biased.end() ? s.repeats : s.biased_repeats;
+    };
+    std::size_t repeats_of_all = 0;
+    for (const std::string& name : s.samplers) repeats_of_all += repeats_of(name).size();
+    auto progress = ex.progress("drawings", repeats_of_all);
     for (const std::string& name : s.samplers) {
         const SamplerChoice sampler = sampler_choice(name);
-        for (const std::int64_t each : s.repeats) {
+        for (const std::int64_t each : repeats_of(name)) {
             const auto repeats = static_cast<std::uint32_t>(each);
+            const std::uint32_t group = std::clamp(repeats / s.groups, 1U, most_group);
             std::vector<Outcome> outcomes;
             for (std::uint32_t k = 0; k < s.seeds; ++k)
-                outcomes.push_back(draw(scene, truth, sampler, repeats, s.groups,
+                outcomes.push_back(draw(scene, truth, sampler, repeats, group,
                                         derived_seed(ex.seed(), 1000 + std::uint64_t{repeats} * 1000 + k)));
             const Row row = summarised(repeats, outcomes);
             csv.row(name, each, row.rmse, row.rmse_error, std::sqrt(floor / repeats), row.particles, row.sampling_s, row.drawing_s);

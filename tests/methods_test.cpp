@@ -2,6 +2,7 @@
 #include "render/method.hpp"
 
 #include "core/error.hpp"
+#include "scene/geometry.hpp"
 #include "scene_testing.hpp"
 
 namespace pellucid {
@@ -40,6 +41,31 @@ TEST(Methods, WhatCannotBeDrawnIsRefusedByName) {
         }
 }
 
+/// The key of a scene's surface. A shape that is new has no overload here, and does not compile.
+struct KeyOfShape {
+    std::string operator()(const ImplicitShape&) const { return "implicit"; }
+    std::string operator()(const ExpressionShape&) const { return "expression"; }
+    std::string operator()(const IsosurfaceShape&) const { return "isosurface"; }
+    std::string operator()(const MeshShape&) const { return "mesh"; }
+    std::string operator()(const PointsShape&) const { return "points"; }
+    std::string operator()(const RectangleShape&) const { return "rectangle"; }
+    std::string operator()(const SliceShape&) const { return "slice"; }
+};
+
+template <std::size_t... kIndex>
+std::vector<Shape> one_of_each(std::index_sequence<kIndex...>) {
+    return {Shape(std::variant_alternative_t<kIndex, Shape>{})...};
+}
+
+TEST(Methods, SummariesNameEveryShapeThatHasAGeometry) {
+    for (const Shape& shape : one_of_each(std::make_index_sequence<std::variant_size_v<Shape>>{})) {
+        if (!has_geometry(shape)) continue;
+        const std::string key = std::visit(KeyOfShape{}, shape);
+        for (const std::string_view name : {"particles", "reference", "slabs"})
+            EXPECT_NE(method_by_name(name).summary.find(key), std::string_view::npos) << name << ": " << key;
+    }
+}
+
 TEST(Methods, StratifiedRefusesWhatItWouldIgnore) {
     const PreparedScene scene = prepare(scene_from("image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n[[surface]]\nimplicit = \"sphere\"\n"));
     const auto check = [&](const std::string& settings) {
@@ -56,6 +82,27 @@ TEST(Methods, StratifiedRefusesWhatItWouldIgnore) {
             EXPECT_EQ(e.kind(), Failure::input);
             EXPECT_NE(std::string(e.what()).find(odd), std::string::npos) << e.what();
         }
+    }
+}
+
+TEST(Methods, SettingsThatASamplerDoesNotReadAreWarnedOf) {
+    const PreparedScene scene = prepare(scene_from("image.resolution = [8, 8]\ncamera.position = [0, 0, 4]\n[[surface]]\nimplicit = \"sphere\"\n"));
+    const auto said = [&](const std::string& sampler, const std::string& setting) {
+        const Config config = Config::parse("particles.sampler = \"" + sampler + "\"\nparticles." + setting, "settings");
+        testing::internal::CaptureStderr();
+        method_by_name("particles").check_settings({.scene = scene, .settings = config.root().table("particles"), .seed = {1}, .max_error = {}});
+        return testing::internal::GetCapturedStderr();
+    };
+    struct Case {
+        std::string setting, reader, other;
+    };
+    for (const Case& c : {Case{"lines = \"fast\"", "lines", "brownian"}, Case{"lines = \"fast\"", "mesh", "octree"},
+                          Case{"group = 4", "stratified", "lines"}, Case{"walk.step = 0.1", "brownian", "lines"},
+                          Case{"mesh.cells = 9", "mesh", "octree"}, Case{"octree.cells = 9", "octree", "mesh"},
+                          Case{"memory_mib = 9", "lines", "stratified"}}) {
+        EXPECT_EQ(said(c.reader, c.setting), "") << c.setting;
+        const std::string key = c.setting.substr(0, c.setting.find(' '));
+        EXPECT_EQ(said(c.other, c.setting), "warning: particles." + key + " is not read by particles.sampler = \"" + c.other + "\"\n");
     }
 }
 

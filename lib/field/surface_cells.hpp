@@ -65,8 +65,6 @@ public:
                        std::vector<FieldRoot>& roots, IsolationStats& stats) const = 0;
     /// Most roots of a line along an axis through a cell; where nothing is known (or more) kMostRoots.
     [[nodiscard]] virtual int most_roots(std::size_t index, int axis) const = 0;
-    /// Most roots of any line through a cell.
-    [[nodiscard]] virtual int most_crossings() const { return kMostRoots; }
     /// Many lines at once, in SIMD where it pays: the roots of `cross` but for rounding. What is found on a line does not
     /// depend on the others to the last bit.
     virtual void cross_along(const AxisLines& lines, const AxisRoots& out) const;

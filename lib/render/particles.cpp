@@ -82,6 +82,49 @@ namespace {
     return s;
 }
 
+/// A setting that some samplers do not read, and those that do.
+struct ReadBy {
+    std::string_view key;
+    std::vector<SamplerKind> samplers;
+};
+
+[[nodiscard]] const std::vector<ReadBy>& settings_of_samplers() {
+    using enum SamplerKind;
+    static const std::vector<ReadBy> kTable{
+        // "mesh" throws lines at what is flat already; "stratified" refuses what it does not draw.
+        {"lines", {lines, stratified, mesh}},
+        {"group", {stratified}},
+        {"oversampling", {stratified}},
+        {"memory_mib", {lines, brownian, mesh, octree}},
+        {"walk.step", {brownian}},
+        {"walk.walkers", {brownian}},
+        {"walk.thinning", {brownian}},
+        {"walk.drift", {brownian}},
+        {"walk.start", {brownian}},
+        {"mesh.cells", {mesh}},
+        {"mesh.error_px", {mesh}},
+        {"octree.cells", {octree}},
+    };
+    return kTable;
+}
+
+[[nodiscard]] bool is_given(const ConfigTable& settings, std::string_view key) {
+    const std::size_t dot = key.find('.');
+    return dot == key.npos ? settings.has(key) : settings.table(key.substr(0, dot)).has(key.substr(dot + 1));
+}
+
+void warn_of_unread_settings(const ConfigTable& given, const ParticleSettings& settings) {
+    std::string_view sampler;
+    for (const auto& [name, kind] : sampler_names())
+        if (kind == settings.kind) sampler = name;
+    for (const ReadBy& setting : settings_of_samplers())
+        if (std::ranges::find(setting.samplers, settings.kind) == setting.samplers.end() && is_given(given, setting.key))
+            warn("particles.{} is not read by particles.sampler = \"{}\"", setting.key, sampler);
+    for (const std::string_view key : {"counting.spheres", "counting.radius"})
+        if (!settings.source.counting_spheres && is_given(given, key))
+            warn("particles.{} is not read by particles.opacity_control = \"exact\"", key);
+}
+
 /// Mean particles in one repeat, from the share of a few thousand trials that yield one.
 [[nodiscard]] double expected_particles(const SourceRefs& sources,
                                         const SamplerSettings& settings) {
@@ -391,9 +434,10 @@ Image render_particles(const PreparedScene& scene, const ParticleSettings& setti
 }
 
 Method particles_method() {
+    static const std::string kSummary = fmt::format("opaque particles, ensemble mean (PBSR, PBVR): {}; volumes", kEveryShape);
     return {
         "particles",
-        "opaque particles, ensemble mean (PBSR, PBVR): implicit, expression, mesh, rectangle, isosurface, slice; volumes",
+        kSummary,
         {
             {"particles.repeats", "500", "L_R, independent particle sets that are averaged"},
             {"particles.sampler", "\"lines\"",
@@ -427,7 +471,7 @@ Method particles_method() {
             {"particles.memory_mib", "1024", "particles held at a time"},
         },
         refusal_of_ray_and_particle_methods,
-        [](const RenderInput& input) { (void)read_settings(input); },
+        [](const RenderInput& input) { warn_of_unread_settings(input.settings, read_settings(input)); },
         plan_particles,
         [](const RenderInput& input, RenderStats& stats) {
             const ParticleSettings settings = read_settings(input);

@@ -44,9 +44,10 @@ namespace {
 }  // namespace
 
 Method reference_method() {
+    static const std::string kSummary = fmt::format("ray-traced truth, all crossings in order: {}; volumes", kEveryShape);
     return {
         "reference",
-        "ray-traced truth, all crossings in order: implicit, expression, mesh, rectangle, isosurface, slice; volumes",
+        kSummary,
         {
             {"reference.filter", "\"box\"", "\"box\": mean over the pixel; \"particle\": what particles converge to"},
             {"reference.max_error", "0.002", "standard error to reach in every channel (also --max-error)"},

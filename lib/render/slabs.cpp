@@ -166,9 +166,10 @@ struct Parts {
 }  // namespace
 
 Method slabs_method() {
+    static const std::string kSummary = fmt::format("zSlabs, intermixed per pixel: {}; volumes", kEveryShape);
     return {
         "slabs",
-        "zSlabs: polygons, isosurfaces and volumes intermixed per pixel; every kind of object",
+        kSummary,
         {
             {"slabs.layers", "8", "N: the image and up to N - 1 slabs a pixel, 2 to 1024"},
             {"slabs.interpolation", "\"modified\"",

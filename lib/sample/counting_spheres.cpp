@@ -78,6 +78,8 @@ OpacityControl control_by_counting(const UniformPoints& surface, double opacity,
     for (std::uint64_t i = 0; surface.area() > 0 && centers.size() < wanted && i < kMostCenterTrials; ++i)
         if (const auto place = surface.point(derived_seed(seed, kSphereSeed), 0, i)) centers.push_back(*place);
     if (centers.empty()) {
+        warn("counting spheres: no place for one was found on a surface of area {:.3g}: particles by area instead",
+             surface.area());
         result.counted_density = result.exact_density;
         result.counted_opacity = opacity;
         return result;
@@ -102,6 +104,9 @@ OpacityControl control_by_counting(const UniformPoints& surface, double opacity,
             break;
         }
     }
+    if (static_cast<double>(counted) < wished_in_all)
+        warn("counting spheres: {:.3g} of {:.3g} particles in the spheres after {:.3g}, the most that are made: opacity {} is not reached",
+             static_cast<double>(counted), wished_in_all, made, opacity);
     result.particles = static_cast<std::uint64_t>(std::max(1.0, made));
     result.counted_density = std::max(1.0, made) / surface.area();
     result.counted_opacity = -std::expm1(-result.counted_density * pixel_area);

@@ -43,11 +43,12 @@ struct OpacityControl {
 };
 
 /// Particles of the surface are counted until n reaches (1)'s; 1/√(n·spheres) of the density is noise. At least one and
-/// at most 2^28 particles. Precondition: 0 < opacity < 1, S > s.
+/// at most 2^28 particles; warns where these, or no place for a sphere, end it early. Precondition: 0 < opacity < 1, S > s.
 [[nodiscard]] OpacityControl control_by_counting(const UniformPoints& surface, double opacity, double pixel_area,
                                                  const CountingSpheres& spheres, double size, Seed seed);
 
 /// A source that gives an object as many particles as counting spheres say. Without any area in view: as it was.
+/// Throws Error(input) where a stated radius gives a great circle of less than one pixel.
 [[nodiscard]] std::unique_ptr<const ParticleSource> counted_source(std::unique_ptr<const ParticleSource> source,
                                                                    const Object& object, const Camera& camera,
                                                                    const CountingSpheres& spheres, Seed seed);

@@ -36,7 +36,7 @@ UniformPoints::UniformPoints(const Object& object, std::uint32_t object_id) : ob
     const double pixel = camera_->pixel_size() * camera_->pixel_size();
     const std::size_t blocks = lines_->block_count();
     for (std::uint32_t all = kAreaTrials / 16; all <= kAreaTrials; all *= 4) {
-        std::vector<double> area(blocks), variance(blocks), kept(blocks);
+        std::vector<double> area(blocks), variance(blocks);
         parallel_for(blocks, 1, [&](std::size_t begin, std::size_t end) {
             std::vector<SourcePoint> points;
             for (std::size_t block = begin; block < end; ++block) {
@@ -49,12 +49,10 @@ UniformPoints::UniformPoints(const Object& object, std::uint32_t object_id) : ob
                 const double unit = lines_->block_virtual_pixels(block) * pixel;
                 area[block] = unit * p;
                 variance[block] = unit * unit * p * (1 - p) / n;
-                kept[block] = share * p;
             }
         });
         area_ = std::accumulate(area.begin(), area.end(), 0.0);
         area_error_ = std::sqrt(std::accumulate(variance.begin(), variance.end(), 0.0));
-        acceptance_ = std::accumulate(kept.begin(), kept.end(), 0.0);
         if (area_error_ <= kAreaError * area_) break;
     }
 }

@@ -17,14 +17,13 @@ public:
     UniformPoints(const UniformPoints&) = delete;
     UniformPoints& operator=(const UniformPoints&) = delete;
 
-    /// Number `index` of a stream; empty where the trial gave nothing (its chance: acceptance()).
+    /// Number `index` of a stream; empty where the trial gave nothing.
     [[nodiscard]] std::optional<Vec3> point(Seed seed, std::uint32_t stream, std::uint64_t index) const;
     /// A Poisson number of points, many times as fast, in an order that is not random.
     [[nodiscard]] std::vector<Vec3> poisson(Seed seed, std::uint32_t stream, double mean) const;
     /// World area and its standard error, from kAreaTrials trials at most. 0 where there is no surface.
     [[nodiscard]] double area() const { return area_; }
     [[nodiscard]] double area_error() const { return area_error_; }
-    [[nodiscard]] double acceptance() const { return acceptance_; }
 
     static constexpr std::uint32_t kAreaTrials = 1U << 22U;
     /// A share of the area that its standard error may be: what opacities near 0 are off by, as a share.
@@ -34,7 +33,7 @@ private:
     Object object_;  // under the oblique law, seen from far away: density in proportion to area
     std::unique_ptr<Camera> camera_;
     std::unique_ptr<LineSampler> lines_;
-    double area_ = 0, area_error_ = 0, acceptance_ = 0;
+    double area_ = 0, area_error_ = 0;
 };
 
 }  // namespace pellucid

@@ -24,7 +24,6 @@ TransferFunction::TransferFunction(std::vector<TransferPoint> points) {
     for (std::size_t i = 0; i < points.size(); ++i) {
         const TransferPoint& a = points[i];
         brightest_ = glm::max(brightest_, color_of(a));
-        one_color_ = one_color_ && color_of(a) == color_of(points.front());
         if (i + 1 < points.size() && points[i + 1][0] == a[0])
             continue;  // the last of a jump begins what follows
         kinks_.push_back(a[0]);

@@ -39,13 +39,11 @@ public:
     [[nodiscard]] double most_opacity(double lo, double hi) const;
     /// Largest of each channel over all values.
     [[nodiscard]] Vec3 brightest() const { return brightest_; }
-    [[nodiscard]] bool one_color() const { return one_color_; }
 
 private:
     std::vector<Piece> pieces_;
     std::vector<double> kinks_;
     Vec3 brightest_{0.0};
-    bool one_color_ = true;
 };
 
 }  // namespace pellucid
