@@ -41,7 +41,7 @@ Settings read_settings(const ConfigTable& t) {
             t.integers("table_resolution", kRequired, {1, 1 << 15}, exactly(2)),
             count("repeats", 2),
             count("table_repeats", 1),
-            {PixelFilter::particle, {}, t.number("truth_error", kRequired, above(0)), static_cast<int>(count("truth_samples", 64))},
+            {.filter = PixelFilter::particle, .samples = static_cast<int>(count("truth_samples", 16))},
             t.number("color_limit", kRequired, above(0))};
 }
 
