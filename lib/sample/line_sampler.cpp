@@ -967,11 +967,7 @@ void LineSampler::trial_keeping_all(Seed seed, std::uint32_t repeat, std::uint64
 std::optional<Box> LineSampler::block_bounds(std::size_t block) const {
     const Block& b = blocks_[block];
     Box bounds;
-    const auto include = [&](const Body& body) {
-        std::array<Vec3, 8> corners;
-        const int count = body.vertices(corners);
-        for (int i = 0; i < count; ++i) bounds.include(corners[static_cast<std::size_t>(i)]);
-    };
+    const auto include = [&](const Body& body) { bounds.include(body.bounds()); };
     for (std::size_t i = b.first; i < b.first + b.count; ++i) {
         switch (b.kind) {
             case Kind::flat_patches:

@@ -24,6 +24,14 @@ int Body::vertices(std::span<Vec3, 8> out) const {
     return 8;
 }
 
+Box Body::bounds() const {
+    std::array<Vec3, 8> corners;
+    const int count = vertices(corners);
+    Box box;
+    for (int i = 0; i < count; ++i) box.include(corners[static_cast<std::size_t>(i)]);
+    return box;
+}
+
 double Body::crofton_area() const {
     const double first = length(cross(edge[0], edge[1]));
     if (kind == Kind::triangle) return 0.5 * first;

@@ -75,13 +75,7 @@ public:
         return field_.excludes(box);
     }
 
-    [[nodiscard]] Box bounds() const override {
-        std::array<Vec3, 8> corners;
-        const int count = body(0).vertices(corners);
-        Box box;
-        for (int i = 0; i < count; ++i) box.include(corners[static_cast<std::size_t>(i)]);
-        return box;
-    }
+    [[nodiscard]] Box bounds() const override { return body(0).bounds(); }
     [[nodiscard]] std::size_t bytes() const override { return sizeof(*this); }
 
 private:
