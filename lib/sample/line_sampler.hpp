@@ -47,7 +47,6 @@
 namespace pellucid {
 
 class LineSampler final : public ParticleSource {
-    struct Doubts;
 
 public:
     /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
@@ -122,6 +121,16 @@ private:
         BoxLines box;
     };
     struct Weights;
+    struct Doubts {
+        std::atomic<std::uint64_t> undecided = 0, touching = 0, poles = 0, exact = 0;
+
+        void add(const IsolationStats& more) {
+            if (more.undecided != 0) undecided += more.undecided;
+            if (more.touching != 0) touching += more.touching;
+            if (more.poles != 0) poles += more.poles;
+            if (more.exact != 0) exact += more.exact;
+        }
+    };
     /// The random numbers of a trial: two blocks of the counter.
     struct Bits;
 

@@ -21,11 +21,7 @@ public:
     [[nodiscard]] std::size_t patch_count() const override { return surface_.cells->count(); }
     [[nodiscard]] int max_crossings() const override { return surface_.max_crossings; }
     [[nodiscard]] Body body(std::size_t patch) const override {
-        const Box box = surface_.cells->cell(patch).tight;
-        const Vec3 size = box.size();
-        return {Body::Kind::parallelepiped,
-                to_world_.point(box.lo),
-                {size.x * to_world_.linear[0], size.y * to_world_.linear[1], size.z * to_world_.linear[2]}};
+        return body_of(surface_.cells->cell(patch).tight, to_world_);
     }
     int crossings(std::size_t patch, const Line& line, CrossingList& out) const override {
         out.hits.clear();

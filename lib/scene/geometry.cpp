@@ -32,6 +32,13 @@ Box Body::bounds() const {
     return box;
 }
 
+Body body_of(const Box& box, const Affine& to_world) {
+    const Vec3 size = box.size();
+    return {Body::Kind::parallelepiped,
+            to_world.point(box.lo),
+            {size.x * to_world.linear[0], size.y * to_world.linear[1], size.z * to_world.linear[2]}};
+}
+
 double Body::crofton_area() const {
     const double first = length(cross(edge[0], edge[1]));
     if (kind == Kind::triangle) return 0.5 * first;

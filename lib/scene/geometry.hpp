@@ -47,6 +47,9 @@ struct Body {
     [[nodiscard]] double crofton_area() const;
 };
 
+/// A box of a space that a map carries into the world.
+[[nodiscard]] Body body_of(const Box& box, const Affine& to_world);
+
 /// Where a line crosses a surface.
 struct Crossing {
     double t = 0;          // along the line

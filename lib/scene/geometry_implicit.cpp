@@ -22,10 +22,7 @@ public:
     /// then inside the body, and not lost where rounding puts the body's face before it.
     [[nodiscard]] Body body(std::size_t) const override {
         const Vec3 room(kRoom * length(bounds_.size()));
-        const Vec3 size = bounds_.size() + 2.0 * room;
-        return {Body::Kind::parallelepiped,
-                to_world_.point(bounds_.lo - room),
-                {size.x * to_world_.linear[0], size.y * to_world_.linear[1], size.z * to_world_.linear[2]}};
+        return body_of({bounds_.lo - room, bounds_.hi + room}, to_world_);
     }
 
     int crossings(std::size_t, const Line& line, CrossingList& out) const override {
