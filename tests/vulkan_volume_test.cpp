@@ -139,6 +139,51 @@ Agreement compare(const vulkan::SlabLists& device, const vulkan::SlabLists& cpu)
     return a;
 }
 
+/// Accumulated colour and opacity of each pixel.
+std::vector<std::array<double, 4>> composited(const vulkan::SlabLists& lists) {
+    std::vector<std::array<double, 4>> pixels;
+    for (const auto& slabs : lists) {
+        std::array<double, 4> sum{};
+        for (const Slab& s : slabs) {
+            const std::array<float, 4> rgba{s.r, s.g, s.b, s.a};
+            const double clear = 1 - sum[3];
+            for (std::size_t c = 0; c < 4; ++c) sum[c] += clear * static_cast<double>(rgba[c]);
+        }
+        pixels.push_back(sum);
+    }
+    return pixels;
+}
+
+/// Of each pixel the largest difference of a channel, sorted.
+std::vector<double> differences(const vulkan::SlabLists& a, const vulkan::SlabLists& b) {
+    const auto x = composited(a), y = composited(b);
+    std::vector<double> off(x.size());
+    for (std::size_t i = 0; i < x.size(); ++i)
+        for (std::size_t c = 0; c < 4; ++c) off[i] = std::max(off[i], std::abs(x[i][c] - y[i][c]));
+    std::ranges::sort(off);
+    return off;
+}
+double quantile(const std::vector<double>& sorted, double share) {
+    return sorted[static_cast<std::size_t>(share * static_cast<double>(sorted.size() - 1))];
+}
+/// What the backends owe each other.
+void expect_parity(const vulkan::SlabLists& device, const vulkan::SlabLists& cpu) {
+    const std::vector<double> off = differences(device, cpu);
+    EXPECT_LE(quantile(off, 0.999), 1e-5);
+    EXPECT_LE(quantile(off, 0.99), 1e-6);
+}
+
+void report(const std::string& name, const Agreement& a) {
+    fmt::print("{}: {} slabs of {} rays; {} slabs and {} rays differ, at most {} ULP\n", name, a.slabs, a.rays, a.other,
+               a.other_rays, a.worst);
+}
+
+void expect_same_bits(const vulkan::SlabLists& a, const vulkan::SlabLists& b) {
+    const Agreement same = compare(a, b);
+    EXPECT_EQ(same.other, 0U);
+    EXPECT_EQ(same.other_rays, 0U);
+}
+
 std::vector<Case> volume_cases() {
     std::vector<Case> cases;
     for (const Samples samples : kEverySample)
@@ -146,6 +191,40 @@ std::vector<Case> volume_cases() {
             cases.push_back({.name = fmt::format("samples {} {}", static_cast<int>(samples), shading),
                              .samples = samples,
                              .shading = shading});
+    const Case lit{.name = "", .shading = kLit};
+    const auto add = [&](const char* name, const auto& change) {
+        Case c = lit;
+        c.name = name;
+        change(c);
+        cases.push_back(c);
+    };
+    add("jumps and opacity 1", [](Case& c) {
+        c.transfer = {{0.1, 1, 0, 0, 0}, {0.4, 0, 1, 0, 0.2}, {0.4, 0, 1, 0, 0}, {0.7, 0, 0, 1, 0}, {0.7, 1, 1, 0, 0.8},
+                      {0.72, 1, 1, 0, 1}, {0.72, 0, 0, 0, 0}};
+    });
+    add("forty pieces", [](Case& c) {
+        c.transfer.clear();
+        for (int i = 0; i < 40; ++i)
+            c.transfer.push_back({i / 40.0, i % 2 + 0.0, 0.5, 1.0 - i % 2, i < 10 ? 0.0 : 0.004 * (i % 7) * i});
+    });
+    add("one opacity", [](Case& c) { c.transfer = {{0.5, 0.2, 0.4, 0.8, 0.3}}; });
+    add("two samples along an axis", [](Case& c) { c.size = {43, 38, 2}; });
+    add("clip planes", [](Case& c) {
+        c.place += "clip = [{ normal = [1, 0.2, 0], offset = 0.5 }, { normal = [0, -1, 1], offset = 0.7 }]\n";
+    });
+    add("anisotropic and mirrored", [](Case& c) {
+        c.place = "matrix = [-2.5,0.2,0,1.2, 0.3,0.4,0.1,-0.5, 0,0.2,1,-0.9, 0,0,0,1]\n";
+    });
+    add("orthographic", [](Case& c) {
+        c.camera = "projection = \"orthographic\"\nposition = [3, 2.5, 4]\ntarget = [0.2, 0.1, 0.2]\nview_height = 3\n";
+    });
+    add("along an axis", [](Case& c) {
+        c.place = "";
+        c.camera = "projection = \"orthographic\"\nposition = [1, 1, 9]\ntarget = [1, 1, 1]\nview_height = 2\n";
+    });
+    add("camera inside", [](Case& c) { c.camera = "position = [0.1, 0.1, 0.2]\ntarget = [1, 0.4, 0]\nfov_degrees = 70\n"; });
+    add("a smaller part of a step", [](Case& c) { c.step = 0.13; });
+    add("steps of four voxels", [](Case& c) { c.step = 4; });
     return cases;
 }
 
@@ -157,15 +236,126 @@ TEST_F(VulkanVolumes, SlabsAreThoseOfTheCpu) {
         const CastSettings settings{.step = c.step * voxel_pitch(scene.volumes[0].to_world())};
         for (const float opaque_at : {1.0F, 0.9F}) {
             const auto cpu = slabs_on_cpu(scene, settings, opaque_at);
-            const Agreement a = compare(vulkan::cast_slabs(device, scene, scene.volumes[0], settings, opaque_at), cpu);
-            fmt::print("{}: {} slabs of {} rays, {} slabs and {} rays differ, at most {} ULP\n", c.name, a.slabs, a.rays,
-                       a.other, a.other_rays, a.worst);
+            const auto slabs = vulkan::cast_slabs(device, scene, scene.volumes[0], settings, opaque_at);
+            const Agreement a = compare(slabs, cpu);
+            report(c.name, a);
             EXPECT_GT(a.slabs, 500U);
-            EXPECT_EQ(a.other, 0U);
-            EXPECT_EQ(a.other_rays, 0U);
+            expect_parity(slabs, cpu);
+            if (!device.info().is_gpu) {
+                EXPECT_EQ(a.other + a.other_rays, 0U);
+            }
         }
     }
-    for (const auto& m : device.validation_messages()) fmt::print("{}\n", m);
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanVolumes, OtherInterpolationsAreThoseOfThePlainVersion) {
+    const vulkan::Device device({.validate = true});
+    for (const char* interpolation : {"catmull-rom", "nearest"})
+        for (Case c : volume_cases()) {
+            if (c.step < 0.2) continue;
+            c.interpolation = interpolation;
+            c.name += std::string(" ") + interpolation;
+            SCOPED_TRACE(c.name);
+            const PreparedScene scene = scene_of(c);
+            const CastSettings settings{.step = c.step * voxel_pitch(scene.volumes[0].to_world())};
+            const auto cpu = slabs_on_cpu(scene, settings, 1);
+            const auto slabs = vulkan::cast_slabs(device, scene, scene.volumes[0], settings, 1);
+            const Agreement a = compare(slabs, cpu);
+            report(c.name, a);
+            EXPECT_GT(a.slabs, 500U);
+            EXPECT_EQ(a.other_rays, 0U);
+            expect_parity(slabs, cpu);
+        }
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanVolumes, SkippingChangesNoBit) {
+    const vulkan::Device device({.validate = true});
+    for (const char* interpolation : {"trilinear", "catmull-rom", "nearest"})
+        for (const Samples samples : {Samples::bytes, Samples::holes}) {
+            const Case c{.name = interpolation, .samples = samples, .shading = kLit, .interpolation = interpolation};
+            SCOPED_TRACE(c.name);
+            const PreparedScene scene = scene_of(c);
+            const double step = 0.7 * voxel_pitch(scene.volumes[0].to_world());
+            expect_same_bits(vulkan::cast_slabs(device, scene, scene.volumes[0], {.step = step, .skip = true}, 1),
+                             vulkan::cast_slabs(device, scene, scene.volumes[0], {.step = step, .skip = false}, 1));
+        }
+}
+
+TEST_F(VulkanVolumes, WhatHasNoThicknessIsNotDrawn) {
+    const vulkan::Device device({.validate = true});
+    const PreparedScene scene = scene_of({.name = "", .size = {43, 1, 27}});
+    for (const auto& slabs : vulkan::cast_slabs(device, scene, scene.volumes[0], {.step = 0.05}, 1))
+        EXPECT_TRUE(slabs.empty());
+}
+
+// The test is tested: samples a hundredth of a step further on are another picture.
+TEST_F(VulkanVolumes, AShiftOfAHundredthOfAStepIsSeen) {
+    const vulkan::Device device({.validate = true});
+    const PreparedScene scene = scene_of({.name = "", .shading = kLit});
+    const double step = 0.7 * voxel_pitch(scene.volumes[0].to_world());
+    const auto cpu = slabs_on_cpu(scene, {.step = step}, 1);
+    PreparedScene moved = scene;
+    CameraSettings camera = scene.settings.camera;
+    const Vec3 shift = 0.01 * step * scene.camera.forward();
+    camera.position += shift;
+    camera.target += shift;
+    camera.near = scene.camera.near();
+    camera.far = scene.camera.far();
+    moved.camera = Camera(camera, scene.settings.image, scene.volumes[0].bounds());
+    const auto off = differences(vulkan::cast_slabs(device, moved, scene.volumes[0], {.step = step}, 1), cpu);
+    EXPECT_GT(quantile(off, 0.99), 1e-5);
+    EXPECT_GT(quantile(off, 0.5), 1e-6);
+}
+
+// ---- Isosurfaces
+
+PreparedScene isosurface_scene(const Case& c, double isovalue, const std::string& more) {
+    const fs::path folder = test_folder();
+    put_samples(folder / "v.nrrd", c);
+    return prepare(scene_from(
+        head_toml(c) +
+            fmt::format("[[surface]]\nisosurface = {{ file = \"v.nrrd\", value = {}, interpolation = \"{}\" }}\n"
+                        "color = [0.9, 0.5, 0.2]\nopacity = 0.4\nshading = {}\n{}{}",
+                        Stored(c.samples).of(isovalue), c.interpolation, c.shading, c.place, more),
+        folder));
+}
+
+vulkan::SlabLists isosurface_on_cpu(const PreparedScene& scene, double thickness, const CastSettings& settings) {
+    const IsosurfaceCaster caster(scene, scene.objects[0], settings);
+    vulkan::SlabLists lists;
+    for (int y = 0; y < scene.camera.height(); ++y)
+        for (int x = 0; x < scene.camera.width(); ++x) {
+            SlabList list;
+            caster.cast(scene.camera.ray(x + 0.5, y + 0.5), thickness, list);
+            lists.push_back(list.slabs);
+        }
+    return lists;
+}
+
+TEST_F(VulkanVolumes, IsosurfacesAreThoseOfTheCpu) {
+    const vulkan::Device device({.validate = true});
+    for (const char* interpolation : {"trilinear", "catmull-rom"})
+        for (const Samples samples : {Samples::bytes, Samples::holes})
+            for (const char* more : {"", "opacity_law = \"oblique\"\nclip = [{ normal = [1, 0.2, 0], offset = 0.5 }]\n"}) {
+                const Case c{.name = fmt::format("{} {} {}", interpolation, static_cast<int>(samples), more),
+                             .samples = samples,
+                             .shading = more[0] == 0 ? kLit : "\"flat\"",
+                             .interpolation = interpolation};
+                SCOPED_TRACE(c.name);
+                const PreparedScene scene = isosurface_scene(c, 0.5, more);
+                const CastSettings settings{.step = 0.03};
+                const auto cpu = isosurface_on_cpu(scene, 0.02, settings);
+                const auto slabs = vulkan::cast_slabs(device, scene, scene.objects[0], 0.02, settings, 1);
+                const Agreement a = compare(slabs, cpu);
+                report(c.name, a);
+                EXPECT_GT(a.slabs, 400U);
+                EXPECT_EQ(a.other_rays, 0U);
+                expect_parity(slabs, cpu);
+                expect_same_bits(slabs, vulkan::cast_slabs(device, scene, scene.objects[0], 0.02,
+                                                           {.step = 0.03, .skip = false}, 1));
+            }
     EXPECT_TRUE(device.validation_messages().empty());
 }
 

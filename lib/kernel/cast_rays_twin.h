@@ -219,6 +219,7 @@ struct CastSetup {
     uint64_t packet_rays;  // PacketRay, packet after packet
     uint64_t volume_rays;  // VolumeRay, volume after volume
     uint64_t ray_steps;    // RaySteps
+    uint64_t status;       // uint: not 0 where a ray's loops were cut before its end
     uint64_t sums;         // multi-volume casting: RaySum
     uint64_t totals;       // … and PixelTotal, row by row
 };

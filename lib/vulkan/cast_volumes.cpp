@@ -60,16 +60,6 @@ template <class Word, class Sample>
     return words;
 }
 
-[[nodiscard]] bool has_holes(const VoxelGrid& grid) {
-    std::atomic<bool> found{false};
-    parallel_for(grid.values.size(), std::size_t{1} << 18U, [&](std::size_t begin, std::size_t end) {
-        if (!std::all_of(grid.values.begin() + static_cast<std::ptrdiff_t>(begin),
-                         grid.values.begin() + static_cast<std::ptrdiff_t>(end), [](float v) { return v == v; }))
-            found = true;
-    });
-    return found;
-}
-
 [[nodiscard]] std::vector<twin::TransferPiece> pieces_of(const PackedTransfer& t) {
     std::vector<twin::TransferPiece> pieces;
     for (std::size_t k = 0; k < t.count; ++k)
@@ -104,6 +94,23 @@ template <class Word, class Sample>
 }
 
 }  // namespace
+
+bool has_holes(const VoxelGrid& grid) {
+    std::atomic<bool> found{false};
+    parallel_for(grid.values.size(), std::size_t{1} << 18U, [&](std::size_t begin, std::size_t end) {
+        if (!std::all_of(grid.values.begin() + static_cast<std::ptrdiff_t>(begin),
+                         grid.values.begin() + static_cast<std::ptrdiff_t>(end), [](float v) { return v == v; }))
+            found = true;
+    });
+    return found;
+}
+
+std::vector<twin::CastLight> lights_of(const PreparedScene& scene) {
+    std::vector<twin::CastLight> lights;
+    for (const Light& light : scene.settings.lights)
+        lights.push_back({narrow(light.direction), static_cast<float>(light.intensity), light.headlight ? 1U : 0U});
+    return lights;
+}
 
 twin::CastCamera camera_of(const Camera& camera, double step, int rays) {
     return {.eye = twin_of(camera.eye()),
@@ -152,16 +159,15 @@ std::uint32_t packets_of_band(const Device& device, const Camera& camera) {
 
 CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
                          std::span<const VolumeObject* const> volumes, const CastSettings& settings, int rays)
-    : device_(&device),
+    : device_(&with_doubles(device)),
       group_size_(cast_group_size(device)),
       band_(packets_of_band(device, scene.camera)),
       rays_kernel_(device, kRaysWords, {.push_bytes = sizeof(RaysPush), .constants = std::array{group_size_}}) {
     std::vector<twin::CastVolume> placed;
     for (const VolumeObject* volume : volumes) placed.push_back(place_on_device(*volume, settings));
-    std::vector<twin::CastLight> lights;
-    for (const Light& light : scene.settings.lights)
-        lights.push_back({narrow(light.direction), static_cast<float>(light.intensity), light.headlight ? 1U : 0U});
+    const std::vector<twin::CastLight> lights = lights_of(scene);
     volumes_ = filled(device, placed);
+    status_ = Buffer(device, sizeof(std::uint32_t));
     lights_ = filled(device, lights);
     const std::uint64_t band_rays = std::uint64_t{band_} * twin::kPacketRaysT;
     packet_rays_ = Buffer(device, band_rays * sizeof(twin::PacketRay));
@@ -177,6 +183,7 @@ CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
     setup.packet_rays = packet_rays_.address();
     setup.volume_rays = volume_rays_.address();
     setup.ray_steps = ray_steps_.address();
+    setup.status = status_.address();
     bytes_ = packet_rays_.bytes() + volume_rays_.bytes() + ray_steps_.bytes();
     for (const Held& held : held_)
         bytes_ += held.samples.bytes() + held.pieces.bytes() + held.distance.bytes() + held.planes.bytes();
@@ -233,9 +240,6 @@ twin::CastVolume CastVolumes::place_on_device(const VolumeObject& volume, const 
     v.distance = held.distance.address();
     v.planes = held.planes.address();
     held_.push_back(std::move(held));
-    // A step, its pieces, and those of a value that follows no other.
-    const double steps = length(volume.bounds().size()) / settings.step + 2;
-    iterations_ += steps * (2.0 + 2.0 * packed.transfer.count);
     return v;
 }
 
@@ -249,6 +253,27 @@ void CastVolumes::record_rays(Commands& commands, std::uint32_t first, std::uint
                       device_->groups_for(std::uint64_t{count} * twin::kPacketRaysT, group_size_));
 }
 
-void CastVolumes::send() const { upload(*device_, setup_, std::as_bytes(std::span(&setup, 1))); }
+void CastVolumes::begin(Commands& commands) const {
+    upload(*device_, setup_, std::as_bytes(std::span(&setup, 1)));
+    commands.fill(status_, 0, status_.bytes(), 0);
+    commands.barrier();
+}
+
+void CastVolumes::check() const { check_status(*device_, status_); }
+
+void check_status(const Device& device, const Buffer& status) {
+    std::uint32_t unfinished = 0;
+    download(device, status, std::as_writable_bytes(std::span(&unfinished, 1)));
+    if (unfinished != 0)
+        throw run_error("{}: a ray takes more steps than Vulkan in software walks: a larger step is needed",
+                        device.info().name);
+}
+
+const Device& with_doubles(const Device& device) {
+    if (!device.info().float64)
+        throw Error(Failure::device, fmt::format("Vulkan device \"{}\" casts no rays: it lacks shaderFloat64",
+                                                 device.info().name));
+    return device;
+}
 
 }  // namespace pellucid::vulkan

@@ -12,9 +12,12 @@
 
 namespace pellucid::vulkan {
 
-/// Vulkan in software leaves every loop, and silently, once an invocation went round its loops 65535 times all told
-/// (Mesa, gallivm: LP_MAX_TGSI_LOOP_ITERATIONS); a GPU knows no such number.
-inline constexpr double kMostIterations = 60000;
+/// The device; throws Error(device) where its shaders have no double precision.
+[[nodiscard]] const Device& with_doubles(const Device& device);
+/// Throws Error(run) where a shader has left word here that the loops of a ray were cut before its end: Vulkan in
+/// software leaves every loop, and silently, once an invocation went round its loops 65535 times all told (Mesa,
+/// gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). A GPU knows no such number.
+void check_status(const Device& device, const Buffer& status);
 
 /// A buffer of the device that holds these values.
 template <class T>
@@ -33,6 +36,9 @@ template <class T>
 [[nodiscard]] twin::CastPlace place_of(const Affine& to_index, const Vec3& last);
 [[nodiscard]] std::vector<twin::CastPlane> planes_of(std::span<const ClipPlane> planes);
 
+[[nodiscard]] std::vector<twin::CastLight> lights_of(const PreparedScene& scene);
+[[nodiscard]] bool has_holes(const VoxelGrid& grid);  // samples that are not a number
+
 /// Workgroup size: whole packets of rays.
 [[nodiscard]] std::uint32_t cast_group_size(const Device& device);
 /// Packets of rays that are cast at a time.
@@ -46,16 +52,16 @@ public:
     CastVolumes(const Device& device, const PreparedScene& scene, std::span<const VolumeObject* const> volumes,
                 const CastSettings& settings, int rays);
 
-    /// Most times that a ray goes round the loops of its shader.
-    [[nodiscard]] double most_iterations() const { return iterations_; }
     /// Bits of the specialisation constants of cast_volume.glsl.
     [[nodiscard]] std::vector<std::uint32_t> constants(SlabMixing mixing = SlabMixing::average) const;
     /// Records the rays of some packets: first … first + count − 1 of the image, and this part of each pixel.
     void record_rays(Commands& commands, std::uint32_t first, std::uint32_t count, std::uint32_t part) const;
 
-    /// What the shaders read; send() after a change.
+    /// What the shaders read; begin() sends it.
     twin::CastSetup setup{};
-    void send() const;
+    void begin(Commands& commands) const;
+    /// After all has run.
+    void check() const;
     [[nodiscard]] std::uint64_t address() const { return setup_.address(); }
     [[nodiscard]] std::uint32_t band() const { return band_; }
     [[nodiscard]] std::uint32_t group_size() const { return group_size_; }
@@ -71,10 +77,9 @@ private:
     std::uint32_t group_size_, band_;
     std::uint32_t kinds_ = 0;
     bool lit_ = false, glossy_ = false, holes_ = false, skip_ = false;
-    double iterations_ = 0;
     std::uint64_t bytes_ = 0;
     std::vector<Held> held_;
-    Buffer setup_, volumes_, lights_, packet_rays_, volume_rays_, ray_steps_;
+    Buffer setup_, status_, volumes_, lights_, packet_rays_, volume_rays_, ray_steps_;
     Kernel rays_kernel_;
 };
 

@@ -21,13 +21,16 @@ void main() {
     float clear = 1.0;
     bool look_ahead = true, primed = false;
     sink_start(uint(pixel.y * setup.it.camera.width + pixel.x), number);
-    for (float i = 0.0; clear > least_clear && i < ray.last; i += 1.0) {
-        if (look_ahead) {
+    bool ended = false;
+    for (float i = 0.0;; i += 1.0) {
+        if (!(clear > least_clear && i < ray.last)) ended = true;
+        if (!ended && look_ahead) {
             float next = next_step(w, v, i);
-            if (next >= kCastNever) break;
+            ended = next >= kCastNever;
             primed = primed && next <= i;
             i = max(i, next);
         }
+        if (ended) break;
         if (!primed) prime(w, v, i);
         primed = true;
         StepLook look = step_to(setup, w, v, i + 1.0, ray.to_viewer);
@@ -38,7 +41,11 @@ void main() {
         precise float d = back - front;
         precise float passes = clear * (1.0 - look.opacity);
         clear = passes;
-        if (!sink_push(Slab(back, d, look.color.x, look.color.y, look.color.z, look.opacity))) break;
+        if (!sink_push(Slab(back, d, look.color.x, look.color.y, look.color.z, look.opacity))) {
+            ended = true;
+            break;
+        }
     }
+    if (!ended) Status(setup.it.status).unfinished = 1u;
     sink_finish();
 }
