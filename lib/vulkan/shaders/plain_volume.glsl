@@ -210,16 +210,16 @@ void plain_skip(inout PlainWalk w, PlainVolume v) {
     if (!plain_done(w)) look_at(w, v, t);
 }
 
-// The next face of cells behind depth t.
+// The next face of cells behind depth t; `end` where it is not before. By rounding it is at most the third.
 double next_face(double end, double from, double along, double t) {
     if (along == 0.0lf) return end;
+    double onwards = along > 0.0lf ? 1.0lf : -1.0lf;
     precise double where = from + t * along;
     double face = along > 0.0lf ? floor(where) : ceil(where);
-    precise double meet = (face - from) / along;
-    if (meet <= t) {
-        precise double next = ((along > 0.0lf ? face + 1.0lf : face - 1.0lf) - from) / along;
-        meet = next;
-    }
+    precise double first = (face - from) / along;
+    precise double second = (face + onwards - from) / along;
+    precise double third = (face + onwards + onwards - from) / along;
+    double meet = first > t ? first : second > t ? second : third;
     return meet > t ? min(end, meet) : end;
 }
 
