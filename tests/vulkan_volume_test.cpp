@@ -5,6 +5,7 @@
 
 #include "cpu/fast_volume_caster.hpp"
 #include "scene_testing.hpp"
+#include "vulkan/multi_volume_caster.hpp"
 #include "vulkan/volume_caster.hpp"
 
 namespace pellucid {
@@ -358,6 +359,143 @@ TEST_F(VulkanVolumes, IsosurfacesAreThoseOfTheCpu) {
                 expect_same_bits(slabs, vulkan::cast_slabs(device, scene, scene.objects[0], 0.02,
                                                            {.step = 0.03, .skip = false}, 1));
             }
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+// ---- All volumes together
+
+/// Three volumes of one kind of samples that overlap, each placed in its own way.
+PreparedScene three_volumes(const Case& c, const std::string& more = "") {
+    const fs::path folder = test_folder();
+    put_samples(folder / "v.nrrd", c);
+    std::string toml = head_toml(c);
+    for (const char* place : {"matrix = [0.9,0.2,0,-0.8, -0.3,1,0.1,-0.9, 0,0.2,-1,0.9, 0,0,0,1]\n"
+                              "clip = [{ normal = [1, 0.2, 0], offset = 0.9 }]\n",
+                              "translate = [0.3, 0.2, -0.3]\n", "rotate_degrees = [30, 10, 5]\n"}) {
+        Case each = c;
+        each.place = place;
+        toml += volume_toml(each, "v.nrrd");
+    }
+    return prepare(scene_from(toml + more, folder));
+}
+
+struct ImageAgreement {
+    std::size_t other = 0;  // floats
+    double p999 = 0, p99 = 0;
+};
+ImageAgreement compare(const Image& a, const Image& b) {
+    ImageAgreement result;
+    std::vector<double> off(a.pixel_count());
+    for (const char* plane : {"R", "G", "B", "A", "Z"})
+        for (std::size_t i = 0; i < off.size(); ++i) {
+            const float x = a.plane(plane)[i], y = b.plane(plane)[i];
+            if (std::bit_cast<std::uint32_t>(x) == std::bit_cast<std::uint32_t>(y)) continue;
+            ++result.other;
+            if (plane[0] != 'Z') off[i] = std::max(off[i], static_cast<double>(std::abs(x - y)));
+        }
+    std::ranges::sort(off);
+    result.p999 = quantile(off, 0.999);
+    result.p99 = quantile(off, 0.99);
+    return result;
+}
+
+void expect_parity(const std::string& name, const Image& device, const Image& cpu) {
+    const ImageAgreement a = compare(device, cpu);
+    fmt::print("{}: {} of {} floats differ, 99 % by at most {:.2g}, 99.9 % by {:.2g}\n", name, a.other,
+               5 * cpu.pixel_count(), a.p99, a.p999);
+    EXPECT_LE(a.p999, 1e-5);
+    EXPECT_LE(a.p99, 1e-6);
+    double sum = 0;
+    for (const float v : cpu.plane("A")) sum += static_cast<double>(v);
+    EXPECT_GT(sum, 0.05 * static_cast<double>(cpu.pixel_count()));
+}
+
+const auto kSilent = [](double) {};
+
+TEST_F(VulkanVolumes, AllTogetherAreThoseOfTheCpu) {
+    const vulkan::Device device({.validate = true});
+    for (const Samples samples : {Samples::bytes, Samples::holes})
+        for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction})
+            for (const int rays : {1, 2}) {
+                const Case c{.name = fmt::format("samples {}, mixing {}, rays {}", static_cast<int>(samples),
+                                                 static_cast<int>(mixing), rays),
+                             .samples = samples,
+                             .shading = kLit};
+                SCOPED_TRACE(c.name);
+                const PreparedScene scene = three_volumes(c);
+                MultiVolumeStats stats;
+                const MultiVolumeSettings settings{.step = 0.8, .mixing = mixing, .rays = rays};
+                const Image cpu = cast_volumes_fast(scene, settings, stats, kSilent);
+                const Image image = vulkan::cast_volumes(device, scene, settings, stats, kSilent);
+                expect_parity(c.name, image, cpu);
+                MultiVolumeSettings all = settings;
+                all.skip = false;
+                expect_same_planes(image, vulkan::cast_volumes(device, scene, all, stats, kSilent));
+            }
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanVolumes, OfOtherInterpolationsTooTogether) {
+    const vulkan::Device device({.validate = true});
+    for (const char* interpolation : {"catmull-rom", "nearest"})
+        for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction}) {
+            const Case c{.name = fmt::format("{}, mixing {}", interpolation, static_cast<int>(mixing)),
+                         .shading = kLit,
+                         .interpolation = interpolation,
+                         .width = 18,
+                         .height = 15};
+            SCOPED_TRACE(c.name);
+            const PreparedScene scene = three_volumes(c);
+            MultiVolumeStats stats;
+            const MultiVolumeSettings settings{.step = 0.8, .mixing = mixing};
+            expect_parity(c.name, vulkan::cast_volumes(device, scene, settings, stats, kSilent),
+                          cast_volumes_fast(scene, settings, stats, kSilent));
+        }
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanVolumes, SurfacesCutStepsAsOnTheCpu) {
+    const vulkan::Device device({.validate = true});
+    // Planes across the view, two of them at one depth and many in a row, in a chequerboard of rays.
+    const auto planes = [](int y0, int y1) {
+        SurfaceLayers layers;
+        layers.first.push_back(0);
+        for (int y = 2 * y0; y < 2 * y1; ++y)
+            for (int x = 0; x < 60; ++x) {
+                if ((x + y) % 2 == 0)
+                    for (const Slab& s : {Slab{3.9F, 0, 0.1F, 0, 0, 0.1F}, Slab{5, 0, 0, 0.2F, 0, 0.2F},
+                                          Slab{5, 0, 0.3F, 0, 0, 0.4F}})
+                        layers.slabs.push_back(s);
+                if (x % 16 == 3)
+                    for (int k = 0; k < 20; ++k)
+                        layers.slabs.push_back({5.5F + 0.01F * static_cast<float>(k), 0, 0, 0, 0.01F, 0.01F});
+                layers.first.push_back(layers.slabs.size());
+            }
+        return layers;
+    };
+    for (const char* interpolation : {"trilinear", "catmull-rom"})
+        for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction}) {
+            const Case c{.name = fmt::format("{}, mixing {}", interpolation, static_cast<int>(mixing)),
+                         .interpolation = interpolation};
+            SCOPED_TRACE(c.name);
+            const PreparedScene scene = three_volumes(
+                c, fmt::format("[[surface]]\nisosurface = {{ volume = \"v.nrrd\", isovalue = 150 }}\nopacity = 0.3\n"
+                               "translate = [0.3, 0.2, -0.3]\n[[surface]]\nisosurface = {{ volume = \"v.nrrd\", isovalue = "
+                               "190, interpolation = \"catmull-rom\" }}\nopacity = 0.5\nshading = \"flat\"\n"));
+            MultiVolumeStats stats;
+            const MultiVolumeSettings settings{.step = 1.5, .mixing = mixing, .rays = 2, .opaque_at = 1};
+            expect_parity(c.name, vulkan::cast_volumes(device, scene, settings, stats, kSilent, planes),
+                          cast_volumes_fast(scene, settings, stats, kSilent, planes));
+        }
+    EXPECT_TRUE(device.validation_messages().empty());
+}
+
+TEST_F(VulkanVolumes, IsosurfacesNeedNoVolume) {
+    const vulkan::Device device({.validate = true});
+    const PreparedScene scene = isosurface_scene({.name = "", .shading = kLit}, 0.5, "");
+    MultiVolumeStats stats;
+    expect_parity("isosurface alone", vulkan::cast_volumes(device, scene, {}, stats, kSilent),
+                  cast_volumes_fast(scene, {}, stats, kSilent));
     EXPECT_TRUE(device.validation_messages().empty());
 }
 

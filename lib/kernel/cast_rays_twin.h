@@ -207,6 +207,24 @@ struct CastVolume {
     uint64_t planes;       // CastPlane
 };
 
+// Multi-volume casting: a surface at one depth of a ray, associated colour.
+struct RayLayer {
+    double t;
+    float r;
+    float g;
+    float b;
+    float a;
+};
+// … and what the rays of a pixel have gathered: sums over them, and the nearest depth.
+struct PixelTotal {
+    double r;
+    double g;
+    double b;
+    double clear;
+    double z;
+};
+const double kNoDepth = double(1e30f) * double(1e30f);  // where nothing is seen
+
 // All of a frame's casting, in one buffer.
 struct CastSetup {
     CastCamera camera;
@@ -214,15 +232,28 @@ struct CastSetup {
     uint light_count;
     uint packet_columns;   // of the image
     float least_clear;     // a ray ends where what passes is not more
-    uint64_t volumes;      // CastVolume
+    uint64_t volumes;      // CastVolume, or PlainVolume, PlainSurface
     uint64_t lights;       // CastLight
     uint64_t packet_rays;  // PacketRay, packet after packet
     uint64_t volume_rays;  // VolumeRay, volume after volume
     uint64_t ray_steps;    // RaySteps
-    uint64_t status;       // uint: not 0 where a ray's loops were cut before its end
-    uint64_t sums;         // multi-volume casting: RaySum
-    uint64_t totals;       // … and PixelTotal, row by row
+    uint64_t status;       // uint: kCastCut, and …
+    // Multi-volume casting.
+    uint64_t layers;       // RayLayer: `layer_room` a ray, from front to back; 0: there are none
+    uint64_t layer_counts; // uint a ray
+    uint64_t surfaces;     // PlainSurface: isosurfaces
+    uint64_t given;        // Slab: layers that came from elsewhere, sorted …
+    uint64_t given_first;  // … and uint a ray and one more: where its own begin; row by row of `rays` times as many
+    uint64_t totals;       // PixelTotal, row by row of the image
+    uint64_t planes;       // float: five planes
+    uint surface_count;
+    uint layer_room;
+    uint given_row;        // of pixels, the first one
+    uint mixing;
 };
+
+// status[0]: not 0 where a ray's loops were cut before its end. status[1]: the most layers a ray has.
+const uint kStatusWords = 2u;
 
 // From where a packet counts, and a ray's step along the view axis.
 struct RaySteps {

@@ -166,12 +166,13 @@ CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
     std::vector<twin::CastVolume> placed;
     for (const VolumeObject* volume : volumes) placed.push_back(place_on_device(*volume, settings));
     const std::vector<twin::CastLight> lights = lights_of(scene);
+    placed.resize(std::max<std::size_t>(1, placed.size()));  // rays that meet nothing, where there is none
     volumes_ = filled(device, placed);
-    status_ = Buffer(device, sizeof(std::uint32_t));
+    status_ = Buffer(device, twin::kStatusWords * sizeof(std::uint32_t));
     lights_ = filled(device, lights);
     const std::uint64_t band_rays = std::uint64_t{band_} * twin::kPacketRaysT;
     packet_rays_ = Buffer(device, band_rays * sizeof(twin::PacketRay));
-    volume_rays_ = Buffer(device, band_rays * volumes.size() * sizeof(twin::VolumeRay));
+    volume_rays_ = Buffer(device, band_rays * placed.size() * sizeof(twin::VolumeRay));
     ray_steps_ = Buffer(device, band_rays * sizeof(twin::RaySteps));
     setup_ = Buffer(device, sizeof(twin::CastSetup));
     setup.camera = camera_of(scene.camera, settings.step, rays);
@@ -256,17 +257,19 @@ void CastVolumes::record_rays(Commands& commands, std::uint32_t first, std::uint
 void CastVolumes::begin(Commands& commands) const {
     upload(*device_, setup_, std::as_bytes(std::span(&setup, 1)));
     commands.fill(status_, 0, status_.bytes(), 0);
+    if (setup.volume_count == 0) commands.fill(volume_rays_, 0, volume_rays_.bytes(), 0);
     commands.barrier();
 }
 
-void CastVolumes::check() const { check_status(*device_, status_); }
+std::uint32_t CastVolumes::check() const { return check_status(*device_, status_); }
 
-void check_status(const Device& device, const Buffer& status) {
-    std::uint32_t unfinished = 0;
-    download(device, status, std::as_writable_bytes(std::span(&unfinished, 1)));
-    if (unfinished != 0)
+std::uint32_t check_status(const Device& device, const Buffer& status) {
+    std::array<std::uint32_t, twin::kStatusWords> words{};
+    download(device, status, std::as_writable_bytes(std::span(words)));
+    if (words[0] != 0)
         throw run_error("{}: a ray takes more steps than Vulkan in software walks: a larger step is needed",
                         device.info().name);
+    return words[1];
 }
 
 const Device& with_doubles(const Device& device) {

@@ -16,8 +16,8 @@ namespace pellucid::vulkan {
 [[nodiscard]] const Device& with_doubles(const Device& device);
 /// Throws Error(run) where a shader has left word here that the loops of a ray were cut before its end: Vulkan in
 /// software leaves every loop, and silently, once an invocation went round its loops 65535 times all told (Mesa,
-/// gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). A GPU knows no such number.
-void check_status(const Device& device, const Buffer& status);
+/// gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). A GPU knows no such number. Else the most layers of a ray.
+std::uint32_t check_status(const Device& device, const Buffer& status);
 
 /// A buffer of the device that holds these values.
 template <class T>
@@ -60,8 +60,8 @@ public:
     /// What the shaders read; begin() sends it.
     twin::CastSetup setup{};
     void begin(Commands& commands) const;
-    /// After all has run.
-    void check() const;
+    /// After all has run: check_status().
+    std::uint32_t check() const;
     [[nodiscard]] std::uint64_t address() const { return setup_.address(); }
     [[nodiscard]] std::uint32_t band() const { return band_; }
     [[nodiscard]] std::uint32_t group_size() const { return group_size_; }

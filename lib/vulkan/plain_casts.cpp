@@ -121,7 +121,7 @@ PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::sp
 void PlainCasts::set_up(const PreparedScene& scene, const CastSettings& settings, int rays, std::size_t count) {
     std::vector<twin::CastLight> lights = lights_of(scene);
     lights_ = filled(*device_, lights);
-    status_ = Buffer(*device_, sizeof(std::uint32_t));
+    status_ = Buffer(*device_, twin::kStatusWords * sizeof(std::uint32_t));
     setup_ = Buffer(*device_, sizeof(twin::CastSetup));
     setup.camera = camera_of(scene.camera, settings.step, rays);
     setup.volume_count = static_cast<std::uint32_t>(count);
@@ -184,6 +184,6 @@ void PlainCasts::begin(Commands& commands) const {
     commands.barrier();
 }
 
-void PlainCasts::check() const { check_status(*device_, status_); }
+std::uint32_t PlainCasts::check() const { return check_status(*device_, status_); }
 
 }  // namespace pellucid::vulkan

@@ -19,8 +19,8 @@ public:
     [[nodiscard]] std::vector<std::uint32_t> constants() const;
     twin::CastSetup setup{};
     void begin(Commands& commands) const;
-    /// After all has run.
-    void check() const;
+    /// After all has run: check_status().
+    std::uint32_t check() const;
     [[nodiscard]] std::uint64_t address() const { return setup_.address(); }
     [[nodiscard]] std::uint32_t band() const { return band_; }
     [[nodiscard]] std::uint32_t group_size() const { return group_size_; }

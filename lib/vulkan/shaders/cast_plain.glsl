@@ -25,7 +25,10 @@ layout(buffer_reference, scalar) readonly buffer Planes { CastPlane at[]; };
 layout(buffer_reference, scalar) readonly buffer Words { uint at[]; };
 layout(buffer_reference, scalar) readonly buffer Floats { float at[]; };
 layout(buffer_reference, scalar) readonly buffer PlainPieces { PlainPiece at[]; };
-layout(buffer_reference, scalar) buffer Status { uint unfinished; };
+layout(buffer_reference, scalar) buffer Status {
+    uint unfinished;
+    uint most_layers;
+};
 
 uint invocation_number() {
     return (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;

@@ -15,6 +15,8 @@ layout(buffer_reference, scalar) readonly buffer Planes { CastPlane at[]; };
 layout(buffer_reference, scalar) writeonly buffer PacketRays { PacketRay at[]; };
 layout(buffer_reference, scalar) writeonly buffer VolumeRays { VolumeRay at[]; };
 layout(buffer_reference, scalar) writeonly buffer AllRaySteps { RaySteps at[]; };
+layout(buffer_reference, scalar) readonly buffer Layers { RayLayer at[]; };
+layout(buffer_reference, scalar) readonly buffer Words { uint at[]; };
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     uint first_packet;
@@ -61,6 +63,14 @@ void main() {
             Entered e = enter(camera, volumes.at[i], ray);
             if (e.span.lo < e.span.hi) first = min(first, grid_sample_before(e.span.lo, dt));
         }
+    uint layer_count = 0u;
+    Layers layers = Layers(setup.it.layers);
+    uint first_layer = number * setup.it.layer_room;
+    if (here && setup.it.layers != 0) {
+        layer_count = min(Words(setup.it.layer_counts).at[number], setup.it.layer_room);
+        precise double front = layers.at[first_layer].t / dt;
+        if (layer_count > 0u) first = min(first, int64_t(floor(front)));
+    }
     first_of[gl_LocalInvocationID.x] = first;
     barrier();
     uint base = gl_LocalInvocationID.x / kPacketRaysT * kPacketRaysT;
@@ -73,6 +83,11 @@ void main() {
     precise double z = double(first) * dt;
     packet_ray.z = float(z);
     packet_ray.dt = float(dt);
+    if (layer_count > 0u) {
+        precise double back = layers.at[first_layer + layer_count - 1u].t / dt - double(first);
+        precise float behind = float(back) + 1.0;
+        packet_ray.last = behind;
+    }
     VolumeRays volume_rays = VolumeRays(setup.it.volume_rays);
     for (uint i = 0u; i < setup.it.volume_count; ++i) {
         Entered e = enter(camera, volumes.at[i], ray);

@@ -25,7 +25,10 @@ layout(buffer_reference, scalar) readonly buffer Words { uint at[]; };
 layout(buffer_reference, scalar) readonly buffer LongWords { uint64_t at[]; };
 layout(buffer_reference, scalar) readonly buffer Floats { float at[]; };
 layout(buffer_reference, scalar) readonly buffer Pieces { TransferPiece at[]; };
-layout(buffer_reference, scalar) buffer Status { uint unfinished; };
+layout(buffer_reference, scalar) buffer Status {
+    uint unfinished;
+    uint most_layers;
+};
 
 // ---- Samples
 
