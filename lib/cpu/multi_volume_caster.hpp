@@ -26,6 +26,7 @@ struct MultiVolumeStats {
     std::uint64_t rays = 0;
     std::int64_t bytes = 0;  // of the casters
     double prepare_s = 0, surfaces_s = 0, cast_s = 0;
+    double cast_device_s = 0;  // by a device's own clock
 };
 
 /// Surfaces that are no isosurfaces, on the rays of some rows of pixels: sorted, thickness 0.

@@ -126,7 +126,8 @@ bool PackedVolume::takes(const VolumeObject& volume) {
            4 * samples < kMostBytes;
 }
 
-PackedVolume::PackedVolume(const VolumeObject& volume, bool skip) : object(&volume), kind(Kind::floats) {
+PackedVolume::PackedVolume(const VolumeObject& volume, bool skip, bool with_bricks)
+    : object(&volume), kind(Kind::floats), data(nullptr) {
     assert(takes(volume));
     const VoxelGrid& grid = volume.field().grid();
     for (std::size_t a = 0; a < 3; ++a) {
@@ -138,6 +139,8 @@ PackedVolume::PackedVolume(const VolumeObject& volume, bool skip) : object(&volu
     if (span >= 0 && span <= 65535) {
         kind = span <= 255 ? Kind::bytes : Kind::words;
         offset = static_cast<double>(whole.least);
+    }
+    if (kind != Kind::floats && with_bricks) {
         const int size = kind == Kind::bytes ? 1 : 2;
         std::array<int, 3> count{};
         for (std::size_t a = 0; a < 3; ++a) count[a] = (volume.cells()[a] + kBrick - 1) / kBrick;
@@ -157,7 +160,7 @@ PackedVolume::PackedVolume(const VolumeObject& volume, bool skip) : object(&volu
             fill_bricks<std::uint16_t>(grid, whole.least, count, static_cast<std::size_t>(brick_bytes),
                                        bricks);
         data = bricks.data();
-    } else {
+    } else if (kind == Kind::floats) {
         step = {4, 4 * grid.size[0], 4 * grid.size[0] * grid.size[1]};
         data = reinterpret_cast<const std::uint8_t*>(grid.values.data());
     }

@@ -28,8 +28,9 @@ struct PackedVolume {
 
     /// Trilinear, with less than 2 GB, and a transfer function whose values and slopes are no extremes.
     [[nodiscard]] static bool takes(const VolumeObject& volume);
-    /// The object must outlive it. Precondition: takes(volume).
-    PackedVolume(const VolumeObject& volume, bool skip);
+    /// The object must outlive it. Precondition: takes(volume). Without bricks: for who lays out samples himself;
+    /// then `data` and `step` say nothing of integers.
+    PackedVolume(const VolumeObject& volume, bool skip, bool with_bricks = true);
 
     /// Of what stands beside the object's own samples, distances aside.
     static constexpr std::int64_t most_bytes_a_block = 1472;

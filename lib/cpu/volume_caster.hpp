@@ -137,6 +137,7 @@ public:
 
     /// Of its samples, world.
     [[nodiscard]] double pitch() const;
+    [[nodiscard]] const EmptySpace& empty_space() const { return space_; }
     [[nodiscard]] std::size_t bytes() const { return space_.bytes(); }
 
 private:

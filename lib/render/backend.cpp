@@ -4,7 +4,9 @@
 
 #include "core/error.hpp"
 #include "cpu/fast_particles.hpp"
+#include "cpu/fast_volume_caster.hpp"
 #include "vulkan/device.hpp"
+#include "vulkan/multi_volume_caster.hpp"
 #include "vulkan/particles.hpp"
 
 namespace pellucid {
@@ -37,6 +39,12 @@ void Backend::check_validation() const {
 
 std::unique_ptr<ParticleDrawer> Backend::make_particle_drawer(const PreparedScene& scene) const {
     return on_device() ? vulkan::make_particle_drawer(*device_, scene) : make_fast_drawer(scene);
+}
+
+Image Backend::cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settings, MultiVolumeStats& stats,
+                            const std::function<void(double)>& progress, const FindSurfaces& surfaces) const {
+    return on_device() ? vulkan::cast_volumes(*device_, scene, settings, stats, progress, surfaces)
+                       : cast_volumes_fast(scene, settings, stats, progress, surfaces);
 }
 
 }  // namespace pellucid

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <string>
 
@@ -14,6 +15,10 @@ namespace pellucid {
 namespace vulkan {
 class Device;
 }
+class Image;
+struct MultiVolumeSettings;  // cpu/multi_volume_caster.hpp
+struct MultiVolumeStats;
+struct SurfaceLayers;
 
 struct VulkanSettings {
     std::string device = {};  // part of its name; empty: a real GPU before one in software
@@ -41,6 +46,10 @@ public:
 
     /// The fast drawer of the CPU, or the device's. The scene must outlive it.
     [[nodiscard]] std::unique_ptr<ParticleDrawer> make_particle_drawer(const PreparedScene& scene) const;
+    /// Multi-volume ray-casting: cpu/multi_volume_caster.hpp.
+    [[nodiscard]] Image cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settings,
+                                     MultiVolumeStats& stats, const std::function<void(double)>& progress,
+                                     const std::function<SurfaceLayers(int y0, int y1)>& surfaces) const;
 
 private:
     std::shared_ptr<const vulkan::Device> device_;

@@ -3,7 +3,7 @@
 #include <algorithm>
 
 #include "cpu/depth_peeling.hpp"
-#include "cpu/fast_volume_caster.hpp"
+#include "cpu/multi_volume_caster.hpp"
 #include "cpu/packed_volume.hpp"
 #include "render/methods.hpp"
 
@@ -131,12 +131,13 @@ namespace {
                                   static_cast<double>(settings.opaque_at));
         };
     }
-    Image image = cast_volumes_fast(scene, settings, cast, input.progress, find);
+    Image image = input.backend.cast_volumes(scene, settings, cast, input.progress, find);
     if (meshes)
         stats.stages.push_back({"triangles", cast.surfaces_s, static_cast<std::int64_t>(meshes->bytes()),
                                 fmt::format("{} triangles", meshes->triangle_count())});
     stats.stages.push_back({"pack volumes", cast.prepare_s, cast.bytes, ""});
     stats.stages.push_back({"cast", cast.cast_s, 0, ""});
+    if (input.backend.on_device()) stats.stages.back().device_s = cast.cast_device_s;
     stats.rays = cast.rays;
     return image;
 }
@@ -166,6 +167,7 @@ Method mdvr_method() {
         },
         plan_mdvr,
         draw_mdvr,
+        true,
     };
 }
 

@@ -212,6 +212,7 @@ struct Features {
     Features there;
     vkGetPhysicalDeviceFeatures2(physical, &there.core);
     c.info.shared_int64_atomics = there.v12.shaderSharedInt64Atomics == VK_TRUE;
+    c.info.float64 = there.core.features.shaderFloat64 == VK_TRUE;
     std::vector<std::string> missing;
     for (const Features::Named& feature : there.required())
         if (*feature.value == VK_FALSE) missing.emplace_back(feature.name);
@@ -268,6 +269,7 @@ void create_device(Context& context) {
     Features wanted;
     for (const Features::Named& feature : wanted.required()) *feature.value = VK_TRUE;
     wanted.v12.shaderSharedInt64Atomics = context.info.shared_int64_atomics ? VK_TRUE : VK_FALSE;
+    wanted.core.features.shaderFloat64 = context.info.float64 ? VK_TRUE : VK_FALSE;
     auto create = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);
     create.pNext = &wanted.core;
     create.queueCreateInfoCount = 1;

@@ -31,6 +31,7 @@ struct DeviceInfo {
     std::uint32_t subgroup_size = 0;
     std::uint32_t max_workgroup_size = 0;  // invocations
     bool shared_int64_atomics = false;
+    bool float64 = false;                  // double precision in shaders
 };
 
 /// All devices, usable or not; empty without a driver.

@@ -1,0 +1,220 @@
+#include "vulkan/volume_caster.hpp"
+
+#include <algorithm>
+#include <array>
+#include <optional>
+
+#include "cpu/packed_volume.hpp"
+#include "vulkan/cast_volumes.hpp"
+#include "vulkan/plain_casts.hpp"
+
+namespace pellucid::vulkan {
+namespace {
+
+constexpr std::uint32_t kVolumeList[] = {
+#include "shaders/volume_list.comp.inc"
+};
+constexpr std::uint32_t kPlainVolumeList[] = {
+#include "shaders/plain_volume_list.comp.inc"
+};
+constexpr std::uint32_t kIsosurfaceList[] = {
+#include "shaders/isosurface_list.comp.inc"
+};
+
+struct CastPush {
+    std::uint64_t setup;
+    std::uint64_t sink;
+    std::uint32_t first, count;
+};
+
+/// The shader of a stage for each kind of sink.
+struct StageShaders {
+    std::span<const std::uint32_t> list;
+    [[nodiscard]] std::span<const std::uint32_t> of(SinkKind) const { return list; }
+};
+constexpr StageShaders kVolume{kVolumeList}, kPlainVolume{kPlainVolumeList}, kIsosurface{kIsosurfaceList};
+
+/// Nothing that a ray of this many steps meets is lost to float32.
+constexpr double kMostSteps = 1 << 20;
+
+[[nodiscard]] Kernel make_kernel(const Device& device, const StageShaders& shaders, SinkKind sink,
+                                 const std::vector<std::uint32_t>& constants) {
+    return {device, shaders.of(sink), {.push_bytes = sizeof(CastPush), .constants = constants}};
+}
+
+/// All packets of an image, as many at a time as their rays' room holds.
+template <class Casts, class Before>
+void record_bands(const Device& device, Commands& commands, const Casts& casts, const Kernel& kernel, std::uint32_t packets,
+                  std::uint64_t sink, const Before& before) {
+    casts.begin(commands);
+    for (std::uint32_t first = 0; first < packets; first += casts.band()) {
+        const std::uint32_t count = std::min(casts.band(), packets - first);
+        before(first, count);
+        commands.begin_stage("cast");
+        commands.dispatch(kernel, CastPush{casts.address(), sink, first, count},
+                          device.groups_for(std::uint64_t{count} * twin::kPacketRaysT, casts.group_size()));
+        commands.end_stage();
+        commands.barrier();
+    }
+}
+
+}  // namespace
+
+// ---- One volume
+
+struct VolumeCaster::Parts {
+    const Device* device;
+    std::uint32_t packets;  // of the image
+    std::optional<CastVolumes> fast;
+    std::optional<PlainCasts> plain;
+    std::optional<Kernel> kernel;
+};
+
+VolumeCaster::VolumeCaster(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
+                           const CastSettings& settings, SinkKind sink)
+    : parts_(std::make_unique<Parts>()) {
+    Parts& p = *parts_;
+    p.device = &device;
+    p.packets = packets_of_image(scene.camera);
+    if (volume.bounds().empty()) return;
+    const std::array<const VolumeObject*, 1> one{&volume};
+    const bool fits = scene.camera.far() / settings.step < kMostSteps ||
+                      length(volume.bounds().size()) / settings.step < kMostSteps;
+    if (PackedVolume::takes(volume) && fits) {
+        p.fast.emplace(device, scene, one, settings, 1);
+        p.kernel = make_kernel(device, kVolume, sink, p.fast->constants());
+    } else {
+        p.plain.emplace(device, scene, one, settings, 1);
+        p.kernel = make_kernel(device, kPlainVolume, sink, p.plain->constants());
+    }
+}
+VolumeCaster::~VolumeCaster() = default;
+VolumeCaster::VolumeCaster(VolumeCaster&&) noexcept = default;
+
+std::uint64_t VolumeCaster::bytes() const {
+    return parts_->fast ? parts_->fast->bytes() : parts_->plain ? parts_->plain->bytes() : 0;
+}
+
+std::uint32_t VolumeCaster::band_rays() const {
+    return (parts_->fast ? parts_->fast->band() : parts_->plain ? parts_->plain->band() : 0) * twin::kPacketRaysT;
+}
+
+void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_clear) {
+    Parts& p = *parts_;
+    if (p.fast) {
+        p.fast->setup.least_clear = least_clear;
+        record_bands(*p.device, commands, *p.fast, *p.kernel, p.packets, sink,
+                     [&](std::uint32_t first, std::uint32_t count) {
+                         commands.begin_stage("rays");
+                         p.fast->record_rays(commands, first, count, 0);
+                         commands.end_stage();
+                         commands.barrier();
+                     });
+    }
+    if (p.plain)
+        record_bands(*p.device, commands, *p.plain, *p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {});
+}
+
+void VolumeCaster::check() const {
+    if (parts_->fast) parts_->fast->check();
+    if (parts_->plain) parts_->plain->check();
+}
+
+// ---- One isosurface
+
+struct IsosurfaceCaster::Parts {
+    Parts(const Device& device_, const PreparedScene& scene, const Object& object, double thickness,
+          const CastSettings& settings, SinkKind sink)
+        : device(&device_),
+          packets(packets_of_image(scene.camera)),
+          casts(device_, scene, std::array{&object}, std::array{thickness}, settings, 1),
+          kernel(make_kernel(device_, kIsosurface, sink, casts.constants())) {}
+
+    const Device* device;
+    std::uint32_t packets;  // of the image
+    PlainCasts casts;
+    Kernel kernel;
+};
+
+IsosurfaceCaster::IsosurfaceCaster(const Device& device, const PreparedScene& scene, const Object& object,
+                                   double thickness, const CastSettings& settings, SinkKind sink)
+    : parts_(std::make_unique<Parts>(device, scene, object, thickness, settings, sink)) {}
+IsosurfaceCaster::~IsosurfaceCaster() = default;
+IsosurfaceCaster::IsosurfaceCaster(IsosurfaceCaster&&) noexcept = default;
+
+std::uint64_t IsosurfaceCaster::bytes() const { return parts_->casts.bytes(); }
+std::uint32_t IsosurfaceCaster::band_rays() const { return parts_->casts.band() * twin::kPacketRaysT; }
+
+void IsosurfaceCaster::record(Commands& commands, std::uint64_t sink) {
+    Parts& p = *parts_;
+    record_bands(*p.device, commands, p.casts, p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {});
+}
+
+void IsosurfaceCaster::check() const { parts_->casts.check(); }
+
+// ---- All slabs of every pixel
+
+namespace {
+
+/// As slab_list.glsl reads it.
+struct ListSink {
+    std::uint64_t slabs, counts;
+    std::uint32_t room;
+    float opaque_at;
+};
+
+/// Runs until no pixel has more slabs than there is room for.
+template <class Record>
+[[nodiscard]] SlabLists gather_lists(const Device& device, const Camera& camera, float opaque_at, const Record& record) {
+    const std::size_t pixels = static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
+    Buffer counts(device, pixels * sizeof(std::uint32_t));
+    std::vector<std::uint32_t> count(pixels);
+    std::uint32_t room = 64;
+    for (;;) {
+        const Buffer slabs(device, pixels * room * sizeof(twin::Slab));
+        const ListSink list{slabs.address(), counts.address(), room, opaque_at};
+        const Buffer sink = filled(device, std::span(&list, 1));
+        Commands commands(device);
+        commands.fill(counts, 0, counts.bytes(), 0);
+        commands.barrier();
+        record(commands, sink.address());
+        commands.submit_and_wait();
+        download(device, counts, std::as_writable_bytes(std::span(count)));
+        const std::uint32_t most = *std::ranges::max_element(count);
+        if (most > room) {
+            room = most;
+            continue;
+        }
+        std::vector<twin::Slab> all(pixels * room);
+        download(device, slabs, std::as_writable_bytes(std::span(all)));
+        SlabLists lists(pixels);
+        for (std::size_t i = 0; i < pixels; ++i) {
+            const auto first = all.begin() + static_cast<std::ptrdiff_t>(i * room);
+            lists[i].assign(first, first + static_cast<std::ptrdiff_t>(count[i]));
+        }
+        return lists;
+    }
+}
+
+}  // namespace
+
+SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
+                     const CastSettings& settings, float opaque_at) {
+    VolumeCaster caster(device, scene, volume, settings, SinkKind::list);
+    SlabLists lists = gather_lists(device, scene.camera, opaque_at, [&](Commands& commands, std::uint64_t sink) {
+        caster.record(commands, sink, 1 - opaque_at);
+    });
+    caster.check();
+    return lists;
+}
+
+SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Object& object, double thickness,
+                     const CastSettings& settings, float opaque_at) {
+    IsosurfaceCaster caster(device, scene, object, thickness, settings, SinkKind::list);
+    SlabLists lists = gather_lists(device, scene.camera, opaque_at,
+                                   [&](Commands& commands, std::uint64_t sink) { caster.record(commands, sink); });
+    caster.check();
+    return lists;
+}
+
+}  // namespace pellucid::vulkan

@@ -1,0 +1,74 @@
+// Volume stage of zSlabs on a Vulkan device: rays of pixel centres through one volume, or to one isosurface, as
+// slabs from front to back. zSlab dissertation, sections 5.2.4 and 6.1.
+//
+// Trilinear volumes: float32, the operations of cpu/fast_volume_caster.cpp in their order (kernel/cast_twin.h). Other
+// interpolations, isosurfaces, and what is too large for that: double, as cpu/volume_caster.cpp. Samples are read
+// from buffers and interpolated by arithmetic alone: the device's texture filters have 8 bits.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <vector>
+
+#include "cpu/volume_caster.hpp"
+#include "vulkan/device.hpp"
+
+namespace pellucid::vulkan {
+
+/// What takes the slabs: the shader that is made with it, and the address of what that reads.
+enum class SinkKind { list };
+
+/// Slabs of an image's pixels, row by row, as a list sink leaves them.
+using SlabLists = std::vector<std::vector<twin::Slab>>;
+
+class VolumeCaster {
+public:
+    /// Scene, volume and device must outlive it. Throws Error(device) where the device has no double precision,
+    /// Error(run) where its memory is too small.
+    VolumeCaster(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
+                 const CastSettings& settings, SinkKind sink);
+    ~VolumeCaster();
+    VolumeCaster(VolumeCaster&&) noexcept;
+
+    /// Records the casting of all rays; a ray ends where what passes is at most `least_clear`. Until it has run,
+    /// nothing else of this caster may be recorded elsewhere.
+    void record(Commands& commands, std::uint64_t sink, float least_clear);
+    /// After it has run: throws Error(run) where Vulkan in software has cut the loops of a ray.
+    void check() const;
+    /// Rays in flight at a time: invocations that a sink must have room for.
+    [[nodiscard]] std::uint32_t band_rays() const;
+    /// Held on the device.
+    [[nodiscard]] std::uint64_t bytes() const;
+
+private:
+    struct Parts;
+    std::unique_ptr<Parts> parts_;
+};
+
+/// The same for an isosurface, as virtual slabs. Precondition: pellucid::IsosurfaceCaster::casts(object).
+class IsosurfaceCaster {
+public:
+    /// `thickness`: of the slabs, world.
+    IsosurfaceCaster(const Device& device, const PreparedScene& scene, const Object& object, double thickness,
+                     const CastSettings& settings, SinkKind sink);
+    ~IsosurfaceCaster();
+    IsosurfaceCaster(IsosurfaceCaster&&) noexcept;
+
+    void record(Commands& commands, std::uint64_t sink);
+    void check() const;
+    [[nodiscard]] std::uint32_t band_rays() const;
+    [[nodiscard]] std::uint64_t bytes() const;
+
+private:
+    struct Parts;
+    std::unique_ptr<Parts> parts_;
+};
+
+/// All slabs of every pixel; a ray ends as with SlabList. For tests and small images.
+[[nodiscard]] SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
+                                   const CastSettings& settings, float opaque_at);
+[[nodiscard]] SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Object& object,
+                                   double thickness, const CastSettings& settings, float opaque_at);
+
+}  // namespace pellucid::vulkan
