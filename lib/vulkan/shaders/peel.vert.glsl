@@ -1,0 +1,38 @@
+// A corner of a part. What the device's rasteriser covers as the CPU's does (it has 8 bits below the pixel) goes there as
+// it is: corners within the viewport, w = 1, and no rounding from the grid to the pixel, since the viewport's side is a
+// power of two. What reaches out of the viewport would be cut at places of the device's choice: in its stead comes a
+// triangle over its pixels, and the fragment shader judges each (`judged`).
+#version 460
+#include "vulkan/shaders/peeling.glsl"
+
+layout(location = 0) flat out uint part_number;
+layout(location = 1) flat out uint judged;
+
+void main() {
+    part_number = uint(gl_VertexIndex) / 3u;
+    uint corner = uint(gl_VertexIndex) - 3u * part_number;
+    PeelSetup s = Setup(push.setup).setup;
+    PeelPart p = Parts(s.parts).at[part_number];
+    int x_lo = min(min(p.x0, p.x1), p.x2);
+    int x_hi = max(max(p.x0, p.x1), p.x2);
+    int y_lo = min(min(p.y0, p.y1), p.y2);
+    int y_hi = max(max(p.y0, p.y1), p.y2);
+    int left = s.viewport_x * 256;
+    int top = s.viewport_y * 256;
+    int side = s.viewport_side * 256;
+    bool whole = s.judge_all == 0 && x_lo >= left && y_lo >= top && x_hi <= left + side && y_hi <= top + side;
+    judged = whole ? 0u : 1u;
+    int x = corner == 0 ? p.x0 : (corner == 1 ? p.x1 : p.x2);
+    int y = corner == 0 ? p.y0 : (corner == 1 ? p.y1 : p.y2);
+    if (!whole) {
+        // Twice the rectangle and a pixel around it, cut to the image.
+        int x_first = max(x_lo, 0) - 256;
+        int y_first = max(y_lo, 0) - 256;
+        int wide = 2 * (min(x_hi, s.width * 256) - x_first) + 1024;
+        int high = 2 * (min(y_hi, s.height * 256) - y_first) + 1024;
+        x = x_first + (corner == 1 ? wide : 0);
+        y = y_first + (corner == 2 ? high : 0);
+    }
+    float to_device = 2.0 / float(side);  // exact
+    gl_Position = vec4(float(x - left) * to_device - 1.0, float(y - top) * to_device - 1.0, 0.5, 1.0);
+}

@@ -1,0 +1,248 @@
+// One invocation is one pixel after a pass: it takes the pixel's slots in their order, shades each once, and either stores
+// the slabs (targets) or adds them to the pixel's colour. No two invocations share anything but the flags.
+// Shading is that of cpu/depth_peeling.cpp: geometry in double, light by kernel/shading_twin.h.
+#version 460
+#include "vulkan/shaders/peeling.glsl"
+
+layout(local_size_x_id = 0) in;
+layout(constant_id = 1) const uint kSlots = 4;
+layout(constant_id = 2) const uint kOutput = 0;
+
+const uint kTargets = 0;  // slabs into targets
+const uint kMixed = 1;    // into a colour; fragments at one depth are mixed by (4.4)
+const uint kBlended = 2;  // into a colour, one over the other
+
+layout(buffer_reference, scalar) readonly buffer Indices { uint at[]; };
+layout(buffer_reference, scalar) readonly buffer Lights { PeelLight at[]; };
+layout(buffer_reference, scalar) writeonly buffer Slabs { Slab at[]; };
+layout(buffer_reference, scalar) writeonly buffer Numbers { uint at[]; };
+layout(buffer_reference, scalar) buffer Colors { PeelColor at[]; };
+layout(buffer_reference, scalar) buffer Flags { PeelFlags flags; };
+
+// 1 - e^-t for t >= 0 to the last bits of a double: t = n·ln 2 + r, and 1 - 2^-n·e^-r = (1 - 2^-n) - 2^-n·(e^-r - 1).
+double one_minus_exp(double t) {
+    if (t > 45.0lf) return 1.0lf;
+    int n = int(t * 1.4426950408889634lf + 0.5lf);
+    precise double r = (double(n) * 0.6931471803691238lf - t) + double(n) * 1.9082149292705877e-10lf;  // -r, |r| <= 0.35
+    precise double e = 1.0lf / 6227020800.0lf;
+    e = e * r + 1.0lf / 479001600.0lf;
+    e = e * r + 1.0lf / 39916800.0lf;
+    e = e * r + 1.0lf / 3628800.0lf;
+    e = e * r + 1.0lf / 362880.0lf;
+    e = e * r + 1.0lf / 40320.0lf;
+    e = e * r + 1.0lf / 5040.0lf;
+    e = e * r + 1.0lf / 720.0lf;
+    e = e * r + 1.0lf / 120.0lf;
+    e = e * r + 1.0lf / 24.0lf;
+    e = e * r + 1.0lf / 6.0lf;
+    e = e * r + 0.5lf;
+    precise double grown = r + r * r * e;  // e^r - 1
+    double scale = packDouble2x32(uvec2(0u, uint(1023 - n) << 20u));
+    precise double result = (1.0lf - scale) - scale * grown;
+    return result;
+}
+
+double size3d(Vec3d v) { return sqrt(dot3d(v, v)); }
+
+Vec3d vertex(uint64_t list, uint i) {
+    Doubles d = Doubles(list);
+    return vec3d(d.at[3 * i], d.at[3 * i + 1], d.at[3 * i + 2]);
+}
+
+Vec3f shaded(PeelSetup s, PeelObject o, Vec3d ray, double ray_size, Vec3d normal) {
+    Vec3f color = Vec3f(float(o.color.x), float(o.color.y), float(o.color.z));
+    precise double over = 1.0lf / sqrt(dot3d(normal, normal));
+    Vec3f v = Vec3f(float(-ray.x / ray_size), float(-ray.y / ray_size), float(-ray.z / ray_size));
+    Vec3f n = turned_to(Vec3f(float(normal.x * over), float(normal.y * over), float(normal.z * over)), v);
+    LightSums sums;
+    sums.diffuse = 0.0;
+    sums.specular = 0.0;
+    for (uint i = 0; i < s.light_count; ++i) {
+        PeelLight light = Lights(s.lights).at[i];
+        Vec3f l = light.direction;
+        if (light.headlight != 0) l = v;
+        if (o.specular == 0.0) sums.diffuse = add_diffuse(sums.diffuse, n, l, light.intensity);
+        else sums = add_light(sums, n, v, l, light.intensity, o.shininess);
+    }
+    return Vec3f(shaded_channel(color.x, sums, o.ambient, o.diffuse, o.specular),
+                 shaded_channel(color.y, sums, o.ambient, o.diffuse, o.specular),
+                 shaded_channel(color.z, sums, o.ambient, o.diffuse, o.specular));
+}
+
+double thickness_by_pixel(PeelSetup s, Vec3d world, Vec3d geometric) {
+    Vec3d from = minus3d(world, s.eye);
+    Vec3d view = vec3d(dot3d(s.axis_x, from), dot3d(s.axis_y, from), dot3d(s.axis_z, from));
+    Vec3d normal = vec3d(dot3d(s.axis_x, geometric), dot3d(s.axis_y, geometric), dot3d(s.axis_z, geometric));
+    Vec3d ray = s.perspective != 0 ? view : vec3d(0.0lf, 0.0lf, 1.0lf);
+    precise double side = s.pixel_size * (s.perspective != 0 ? view.z : 1.0lf);
+    precise double stretch = size3d(normal) * size3d(ray) / abs(dot3d(normal, ray));
+    precise double d = 0.5lf * side * (stretch < 8.0lf ? stretch : 8.0lf);  // kMostStretch
+    return d;
+}
+
+Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) {
+    PeelObject o = Objects(s.objects).at[part.object];
+    if ((o.flags & kPeelPainted) != 0) {
+        uint at = uint(y - o.painted_y) * uint(o.painted_width) + uint(x - o.painted_x);
+        return Painted(o.painted).at[at].slab;
+    }
+    double z = plane_depth(s, Planes(s.planes).at[part_number], x, y);
+    Ray ray = pixel_ray(s, x, y);
+    Vec3d world = along(ray, z);
+    uint t = part.triangle - o.first_triangle;
+    Indices indices = Indices(o.triangles);
+    uint i = indices.at[3 * t];
+    uint j = indices.at[3 * t + 1];
+    uint k = indices.at[3 * t + 2];
+    Vec3d a = vertex(o.positions, i);
+    Vec3d ab = minus3d(vertex(o.positions, j), a);
+    Vec3d ac = minus3d(vertex(o.positions, k), a);
+    Vec3d facet = cross3d(ab, ac);
+
+    // Of the vertices, interpolated on the facet; the facet's where they cancel.
+    Vec3d smooth_normal = facet;
+    if ((o.flags & kPeelSmooth) != 0) {
+        Vec3d from = minus3d(world, a);
+        double area2 = dot3d(facet, facet);
+        precise double v1 = dot3d(cross3d(from, ac), facet) / area2;
+        precise double v2 = dot3d(cross3d(ab, from), facet) / area2;
+        precise double v0 = 1.0lf - v1 - v2;
+        Vec3d n0 = vertex(o.normals, i);
+        Vec3d n1 = vertex(o.normals, j);
+        Vec3d n2 = vertex(o.normals, k);
+        precise double nx = v0 * n0.x + v1 * n1.x + v2 * n2.x;
+        precise double ny = v0 * n0.y + v1 * n1.y + v2 * n2.y;
+        precise double nz = v0 * n0.z + v1 * n1.z + v2 * n2.z;
+        Vec3d normal = vec3d(nx, ny, nz);
+        if (dot3d(normal, normal) > 0.0lf) smooth_normal = normal;
+    }
+    Vec3d geometric = facet;
+    if ((o.flags & kPeelOfField) != 0) geometric = smooth_normal;
+
+    double ray_size = size3d(ray.direction);
+    double alpha = o.opacity;
+    if ((o.flags & kPeelOblique) != 0 && alpha != 1.0lf) {
+        precise double cosine = abs(dot3d(geometric, ray.direction)) / (size3d(geometric) * ray_size);
+        alpha = one_minus_exp(o.optical_depth / (cosine > 1e-12lf ? min(cosine, 1.0lf) : 1e-12lf));
+    }
+    Vec3d color = o.color;
+    if ((o.flags & kPeelFlat) == 0) {
+        Vec3f lit = shaded(s, o, ray.direction, ray_size, smooth_normal);
+        color = vec3d(double(lit.x), double(lit.y), double(lit.z));
+    }
+    double thickness = 0.0lf;
+    if (s.with_thickness != 0) thickness = o.thickness >= 0.0lf ? o.thickness : thickness_by_pixel(s, world, geometric);
+    Slab slab;
+    slab.z = float(z);
+    slab.d = float(thickness);
+    slab.r = float(alpha * color.x);
+    slab.g = float(alpha * color.y);
+    slab.b = float(alpha * color.z);
+    slab.a = float(alpha);
+    return slab;
+}
+
+// Fragments at one depth: what each keeps of its colour is the integral of the product of 1 - u·α over the others, u in
+// [0, 1]; (4.4) of two. By coefficients of the product, as mixed_share of cpu/depth_peeling.cpp.
+double mixed_share(Slab together[kSlots], uint count, uint own) {
+    double product[kSlots];
+    product[0] = 1.0lf;
+    uint degree = 0;
+    for (uint i = 0; i < count; ++i) {
+        if (i == own) continue;
+        ++degree;
+        product[degree] = 0.0lf;
+        for (uint k = degree; k > 0; --k) {
+            precise double c = product[k] - double(together[i].a) * product[k - 1];
+            product[k] = c;
+        }
+    }
+    double integral = 0.0lf;
+    for (uint k = 0; k <= degree; ++k) integral += product[k] / double(k + 1);
+    return integral;
+}
+
+PeelColor add_group(PeelColor sum, Slab together[kSlots], uint count) {
+    precise double passes = 1.0lf;
+    for (uint k = 0; k < count; ++k) {
+        precise double weight = sum.clear;
+        if (count > 1) weight = weight * mixed_share(together, count, k);
+        precise double r = sum.r + weight * double(together[k].r);
+        precise double g = sum.g + weight * double(together[k].g);
+        precise double b = sum.b + weight * double(together[k].b);
+        sum.r = r;
+        sum.g = g;
+        sum.b = b;
+        sum.z = min(sum.z, together[k].z);
+        passes = passes * (1.0lf - double(together[k].a));
+    }
+    sum.clear = sum.clear * passes;
+    sum.count += count;
+    return sum;
+}
+
+void main() {
+    PeelSetup s = Setup(push.setup).setup;
+    uint pixels = uint(s.width) * uint(s.height);
+    uint pixel = (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
+    if (pixel >= pixels) return;
+    int x = int(pixel % uint(s.width));
+    int y = int(pixel / uint(s.width));
+    Slots slots = Slots(s.slots);
+    if (slots.at[pixel] == kNoPlace) {
+        if (kOutput == kTargets) Numbers(s.counts).at[pixel] = 0;
+        return;
+    }
+    PeelPixel state = Pixels(s.pixels).at[pixel];
+    PeelPixel before_group = state;
+    PeelColor sum;
+    if (kOutput != kTargets) sum = Colors(s.colors).at[pixel];
+    Slab together[kSlots];  // fragments at one depth
+    uint gathered = 0;
+    uint taken = 0;
+    bool wanted = true;
+    for (uint i = 0; i < kSlots; ++i) {
+        uint64_t place = slots.at[i * uint64_t(pixels) + pixel];
+        if (place == kNoPlace) break;
+        slots.at[i * uint64_t(pixels) + pixel] = kNoPlace;
+        uint first = uint(place >> 32u);
+        wanted = wanted && state.count < s.most_layers && first <= state.most;
+        if (!wanted) continue;
+        uint part_number = uint(place & 0xfffffffful);
+        PeelPart part = Parts(s.parts).at[part_number];
+        Slab slab = shade_fragment(s, part, part_number, x, y);
+        if (kOutput == kTargets) {
+            Slabs(s.slabs).at[taken * uint64_t(pixels) + pixel] = slab;
+            Numbers(s.numbers).at[taken * uint64_t(pixels) + pixel] = part.triangle;
+        } else {
+            if (gathered > 0 && (kOutput == kBlended || together[0].z != slab.z)) {
+                sum = add_group(sum, together, gathered);
+                gathered = 0;
+                before_group = state;
+            }
+            together[gathered++] = slab;
+        }
+        ++taken;
+        state.from = place + 1ul;
+        state.count += 1u;
+        precise double clear = state.clear * (1.0lf - double(slab.a));
+        state.clear = clear;
+        if (clear <= s.most_clear) state.most = first;
+    }
+    bool more = wanted && taken == kSlots && state.count < s.most_layers;
+    if (kOutput == kMixed && more) {
+        // More may come at the depth of the last ones: these come again in the next pass.
+        state = before_group;
+        if (gathered == kSlots) Flags(s.flags).flags.stuck = 1u;
+    } else if (kOutput != kTargets) {
+        sum = add_group(sum, together, gathered);
+    }
+    if (state.count >= s.most_layers) state.from = kNoPlace;
+    if (more) Flags(s.flags).flags.more = 1u;
+    Pixels(s.pixels).at[pixel] = state;
+    if (kOutput == kTargets) {
+        Numbers(s.counts).at[pixel] = taken;
+    } else {
+        Colors(s.colors).at[pixel] = sum;
+    }
+}
