@@ -137,13 +137,15 @@ struct PeelSetup {
     int viewport_y;
     int viewport_side;  // a power of two
     uint judge_all;     // 1: the device's rasteriser is not as fine as the grid
+    float shift;        // of the corners, in 1/256 pixel: 0; else the wrong twin of the tests
 };
 
 struct PeelFlags {
     uint more;   // some pixel may have fragments that did not fit
     uint stuck;  // some pixel has more at one depth than there are slots
-    uint found;  // fragments that were kept in this pass
-    uint unused;
+    uint found;  // fragments that this pass brought into targets
+    uint pixels;  // that had none before
+    uint layers;  // most of a pixel so far
 };
 
 TWIN_END

@@ -49,9 +49,7 @@ void main() {
     uint64_t place = (uint64_t(first) << 32u) | uint64_t(part_number);
 
     uint pixel = uint(y) * uint(s.width) + uint(x);
-    uint pixels = uint(s.width) * uint(s.height);
-    Slots slots = Slots(s.slots);
-    if (place >= slots.at[(kSlots - 1) * uint64_t(pixels) + pixel]) return;
+    if (place >= slot_of(s, kSlots - 1, pixel).value) return;
     Pixels state = Pixels(s.pixels);
     if (place < state.at[pixel].from || first > state.at[pixel].most) return;
 
@@ -64,7 +62,7 @@ void main() {
     }
 
     for (uint i = 0; i < kSlots; ++i) {
-        uint64_t before = atomicMin(slots.at[i * uint64_t(pixels) + pixel], place);
+        uint64_t before = atomicMin(slot_of(s, i, pixel).value, place);
         if (before == kNoPlace) return;
         place = max(before, place);
     }

@@ -34,5 +34,5 @@ void main() {
         y = y_first + (corner == 2 ? high : 0);
     }
     float to_device = 2.0 / float(side);  // exact
-    gl_Position = vec4(float(x - left) * to_device - 1.0, float(y - top) * to_device - 1.0, 0.5, 1.0);
+    gl_Position = vec4((float(x - left) + s.shift) * to_device - 1.0, float(y - top) * to_device - 1.0, 0.5, 1.0);
 }

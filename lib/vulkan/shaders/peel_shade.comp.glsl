@@ -12,12 +12,12 @@ const uint kTargets = 0;  // slabs into targets
 const uint kMixed = 1;    // into a colour; fragments at one depth are mixed by (4.4)
 const uint kBlended = 2;  // into a colour, one over the other
 
-layout(buffer_reference, scalar) readonly buffer Indices { uint at[]; };
-layout(buffer_reference, scalar) readonly buffer Lights { PeelLight at[]; };
-layout(buffer_reference, scalar) writeonly buffer Slabs { Slab at[]; };
-layout(buffer_reference, scalar) writeonly buffer Numbers { uint at[]; };
-layout(buffer_reference, scalar) buffer Colors { PeelColor at[]; };
-layout(buffer_reference, scalar) buffer Flags { PeelFlags flags; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Indices { uint at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Lights { PeelLight at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) writeonly buffer Slabs { Slab at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) writeonly buffer Numbers { uint at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Colors { PeelColor at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Flags { PeelFlags flags; };
 
 // 1 - e^-t for t >= 0 to the last bits of a double: t = n·ln 2 + r, and 1 - 2^-n·e^-r = (1 - 2^-n) - 2^-n·(e^-r - 1).
 double one_minus_exp(double t) {
@@ -143,40 +143,39 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
 }
 
 // Fragments at one depth: what each keeps of its colour is the integral of the product of 1 - u·α over the others, u in
-// [0, 1]; (4.4) of two. By coefficients of the product, as mixed_share of cpu/depth_peeling.cpp.
-double mixed_share(Slab together[kSlots], uint count, uint own) {
-    double product[kSlots];
-    product[0] = 1.0lf;
-    uint degree = 0;
-    for (uint i = 0; i < count; ++i) {
-        if (i == own) continue;
-        ++degree;
-        product[degree] = 0.0lf;
-        for (uint k = degree; k > 0; --k) {
-            precise double c = product[k] - double(together[i].a) * product[k - 1];
-            product[k] = c;
-        }
-    }
-    double integral = 0.0lf;
-    for (uint k = 0; k <= degree; ++k) integral += product[k] / double(k + 1);
-    return integral;
-}
+// [0, 1]; (4.4) of two. By Gauss and Legendre with 8 nodes, exact for 16 fragments; more have as many pieces.
+const double kNode[4] = double[](0.1834346424956498lf, 0.5255324099163290lf, 0.7966664774136267lf, 0.9602898564975363lf);
+const double kWeight[4] = double[](0.3626837833783620lf, 0.3137066458778873lf, 0.2223810344533745lf, 0.1012285362903763lf);
 
 PeelColor add_group(PeelColor sum, Slab together[kSlots], uint count) {
-    precise double passes = 1.0lf;
-    for (uint k = 0; k < count; ++k) {
-        precise double weight = sum.clear;
-        if (count > 1) weight = weight * mixed_share(together, count, k);
-        precise double r = sum.r + weight * double(together[k].r);
-        precise double g = sum.g + weight * double(together[k].g);
-        precise double b = sum.b + weight * double(together[k].b);
-        sum.r = r;
-        sum.g = g;
-        sum.b = b;
-        sum.z = min(sum.z, together[k].z);
-        passes = passes * (1.0lf - double(together[k].a));
+    double r = double(together[0].r);
+    double g = double(together[0].g);
+    double b = double(together[0].b);
+    double passes = 1.0lf - double(together[0].a);
+    sum.z = min(sum.z, together[0].z);
+    if (count > 1) {
+        r = 0.0lf;
+        g = 0.0lf;
+        b = 0.0lf;
+        uint pieces = (count + 15) / 16;
+        for (uint node = 0; node < 8 * pieces; ++node) {
+            double aside = kNode[node % 4] * (node % 8 < 4 ? 1.0lf : -1.0lf);
+            double u = (double(node / 8) + 0.5lf + 0.5lf * aside) / double(pieces);
+            double all = 0.5lf * kWeight[node % 4] / double(pieces);
+            for (uint k = 0; k < count; ++k) all *= 1.0lf - u * double(together[k].a);
+            for (uint k = 0; k < count; ++k) {
+                double others = all / (1.0lf - u * double(together[k].a));
+                r += others * double(together[k].r);
+                g += others * double(together[k].g);
+                b += others * double(together[k].b);
+            }
+        }
+        for (uint k = 1; k < count; ++k) passes *= 1.0lf - double(together[k].a);
     }
-    sum.clear = sum.clear * passes;
+    sum.r += sum.clear * r;
+    sum.g += sum.clear * g;
+    sum.b += sum.clear * b;
+    sum.clear *= passes;
     sum.count += count;
     return sum;
 }
@@ -188,8 +187,7 @@ void main() {
     if (pixel >= pixels) return;
     int x = int(pixel % uint(s.width));
     int y = int(pixel / uint(s.width));
-    Slots slots = Slots(s.slots);
-    if (slots.at[pixel] == kNoPlace) {
+    if (slot_of(s, 0, pixel).value == kNoPlace) {
         if (kOutput == kTargets) Numbers(s.counts).at[pixel] = 0;
         return;
     }
@@ -202,9 +200,10 @@ void main() {
     uint taken = 0;
     bool wanted = true;
     for (uint i = 0; i < kSlots; ++i) {
-        uint64_t place = slots.at[i * uint64_t(pixels) + pixel];
+        Place slot = slot_of(s, i, pixel);
+        uint64_t place = slot.value;
         if (place == kNoPlace) break;
-        slots.at[i * uint64_t(pixels) + pixel] = kNoPlace;
+        slot.value = kNoPlace;
         uint first = uint(place >> 32u);
         wanted = wanted && state.count < s.most_layers && first <= state.most;
         if (!wanted) continue;
@@ -212,8 +211,9 @@ void main() {
         PeelPart part = Parts(s.parts).at[part_number];
         Slab slab = shade_fragment(s, part, part_number, x, y);
         if (kOutput == kTargets) {
-            Slabs(s.slabs).at[taken * uint64_t(pixels) + pixel] = slab;
-            Numbers(s.numbers).at[taken * uint64_t(pixels) + pixel] = part.triangle;
+            uint64_t target = in_planes(s, taken, pixel);
+            Slabs(s.slabs + 24ul * target).at[0] = slab;
+            Numbers(s.numbers + 4ul * target).at[0] = part.triangle;
         } else {
             if (gathered > 0 && (kOutput == kBlended || together[0].z != slab.z)) {
                 sum = add_group(sum, together, gathered);
@@ -242,6 +242,11 @@ void main() {
     Pixels(s.pixels).at[pixel] = state;
     if (kOutput == kTargets) {
         Numbers(s.counts).at[pixel] = taken;
+        if (taken == 0) return;
+        Flags flags = Flags(s.flags);
+        atomicAdd(flags.flags.found, taken);
+        if (state.count == taken) atomicAdd(flags.flags.pixels, 1u);
+        atomicMax(flags.flags.layers, state.count);
     } else {
         Colors(s.colors).at[pixel] = sum;
     }

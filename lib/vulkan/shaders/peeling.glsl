@@ -5,19 +5,25 @@
 #extension GL_EXT_shader_atomic_int64 : require
 #include "kernel/peeling_twin.h"
 
-layout(buffer_reference, scalar) readonly buffer Setup { PeelSetup setup; };
-layout(buffer_reference, scalar) readonly buffer Parts { PeelPart at[]; };
-layout(buffer_reference, scalar) readonly buffer Planes { PeelPlane at[]; };
-layout(buffer_reference, scalar) readonly buffer Objects { PeelObject at[]; };
-layout(buffer_reference, scalar) readonly buffer Painted { PaintedFragment at[]; };
-layout(buffer_reference, scalar) readonly buffer Doubles { double at[]; };
-layout(buffer_reference, scalar) readonly buffer Order { uint at[]; };
-layout(buffer_reference, scalar) buffer Pixels { PeelPixel at[]; };
-layout(buffer_reference, scalar) buffer Slots { uint64_t at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Setup { PeelSetup setup; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Parts { PeelPart at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Planes { PeelPlane at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Objects { PeelObject at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Painted { PaintedFragment at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Doubles { double at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Order { uint at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Pixels { PeelPixel at[]; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Place { uint64_t value; };
 
 layout(push_constant, scalar) uniform Push { uint64_t setup; } push;
 
 const uint64_t kNoPlace = 0xfffffffffffffffful;
+
+// One after the other in the planes of an image: layer · width · height + pixel, beyond 32 bits.
+uint64_t in_planes(PeelSetup s, uint layer, uint pixel) {
+    return uint64_t(layer) * (uint64_t(s.width) * uint64_t(s.height)) + uint64_t(pixel);
+}
+Place slot_of(PeelSetup s, uint slot, uint pixel) { return Place(s.slots + 8ul * in_planes(s, slot, pixel)); }
 
 Vec3d vec3d(double x, double y, double z) {
     Vec3d v;
