@@ -179,11 +179,11 @@ TEST_F(VulkanPeeling, CoversWhatTheCpuCoversOnRandomTriangles) {
             "opacity = 0.01\nopacity_law = \"oblique\"\n");
         for (const bool judge_all : {false, true}) {
             SCOPED_TRACE(fmt::format("kind {}, judged {}", kind, judge_all));
-            expect_same(compare(device(), scene, {}, {.targets = 16, .judge_all = judge_all}), kind == 2 ? 300 : 50000);
+            expect_same(compare(device(), scene, {}, {.targets = 16, .judge_all = judge_all}), kind == 2 ? 100 : 25000);
         }
-        // The wrong twin: half a unit of 1/256 pixel to the right.
+        // The wrong twin: corners a unit of 1/256 pixel to the right, as a grid without its half of a unit has them.
         if (kind != 2) {
-            EXPECT_GT(compare(device(), scene, {}, {.targets = 16, .shift = 0.5F}).pixels, 0U) << kind;
+            EXPECT_GT(compare(device(), scene, {}, {.targets = 16, .shift = 0.75F}).pixels, 0U) << kind;
         }
     }
 }
@@ -357,7 +357,7 @@ TEST_F(VulkanPeeling, MixesAnyNumberAtOneDepth) {
                                 "shading = \"flat\"\ncolor = [{}, 0.5, 1]\n",
                                 i, 0.2 + 0.78 * i / count, 1.0 * i / count);
         const PreparedScene scene = prepare(scene_from(toml));
-        for (const int targets : {1, 4, 8}) expect_composed(device(), scene, {}, vulkan::PeelMix::by_depth, targets);
+        for (const int targets : {4, 8}) expect_composed(device(), scene, {}, vulkan::PeelMix::by_depth, targets);
     }
 }
 

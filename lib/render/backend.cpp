@@ -3,9 +3,12 @@
 #include <algorithm>
 
 #include "core/error.hpp"
+#include "cpu/depth_peeling.hpp"
 #include "cpu/fast_particles.hpp"
+#include "cpu/surface_drawer.hpp"
 #include "vulkan/device.hpp"
 #include "vulkan/particles.hpp"
+#include "vulkan/surface_drawer.hpp"
 
 namespace pellucid {
 
@@ -37,6 +40,14 @@ void Backend::check_validation() const {
 
 std::unique_ptr<ParticleDrawer> Backend::make_particle_drawer(const PreparedScene& scene) const {
     return on_device() ? vulkan::make_particle_drawer(*device_, scene) : make_fast_drawer(scene);
+}
+
+std::unique_ptr<SurfaceDrawer> Backend::make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const {
+    return on_device() ? vulkan::make_surface_drawer(*device_, scene, meshes) : pellucid::make_surface_drawer(scene, meshes);
+}
+
+std::int64_t Backend::planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices) const {
+    return on_device() ? vulkan::planned_surface_bytes(scene, triangles, vertices) : planned_peel_bytes(triangles, vertices);
 }
 
 }  // namespace pellucid

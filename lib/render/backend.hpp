@@ -8,6 +8,7 @@
 
 #include "scene/prepared_scene.hpp"
 #include "stage/particle_drawer.hpp"
+#include "stage/surface_drawer.hpp"
 
 namespace pellucid {
 
@@ -41,6 +42,10 @@ public:
 
     /// The fast drawer of the CPU, or the device's. The scene must outlive it.
     [[nodiscard]] std::unique_ptr<ParticleDrawer> make_particle_drawer(const PreparedScene& scene) const;
+    /// Scene and meshes must outlive it.
+    [[nodiscard]] std::unique_ptr<SurfaceDrawer> make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const;
+    /// Bytes that it will hold beside the meshes: on the device if there is one.
+    [[nodiscard]] std::int64_t planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices) const;
 
 private:
     std::shared_ptr<const vulkan::Device> device_;
