@@ -22,8 +22,10 @@ struct PeelPart {
     int y1;
     int y2;
     uint triangle;  // its number in SceneMeshes
-    uint object;    // in PeelSetup::objects
+    uint object;    // in PeelSetup::objects, and kPeelAsks
 };
+// In PeelPart::object: a fragment may be cut away, the fragment shader must ask.
+const uint kPeelAsks = 0x80000000u;
 
 // DepthPlane of cpu/rasterizer.hpp, one a part.
 struct PeelPlane {
@@ -86,25 +88,47 @@ struct PeelLight {
     uint headlight;
 };
 
-// Where a pixel stands between two passes.
+// Where a pixel stands between two passes. All bits 0: nothing was drawn yet.
 struct PeelPixel {
     uint64_t from;  // least place in the order that is still wanted
-    double clear;   // what shines through, product of 1 - opacity
-    uint most;      // largest depth (or rank) that is still wanted
+    double clear;   // what shines through, product of 1 - opacity; 1 where count is 0
+    uint most;      // largest depth (or rank) that is still wanted; any where count is 0
     uint count;     // fragments so far
 };
 
-// Colour of a pixel while fragments are added from front to back.
+// Colour of a pixel while fragments are added from front to back. All bits 0: nothing was drawn yet.
 struct PeelColor {
     double r;
     double g;
     double b;
-    double clear;  // what shines through the groups that were added
-    float z;       // nearest
+    double clear;  // what shines through the groups that were added; 1 where count is 0
+    float z;       // nearest; +infinity where count is 0
     uint count;    // fragments
 };
 
 struct PeelSetup {
+    uint64_t parts;
+    uint64_t planes;
+    uint64_t objects;
+    uint64_t lights;
+    uint64_t slots;    // places in the order, slot after slot
+    uint64_t pixels;   // PeelPixel
+    uint64_t slabs;    // Slab, target after target
+    uint64_t numbers;  // of their triangles
+    uint64_t counts;   // of slabs of a pixel in the targets
+    uint64_t colors;   // PeelColor
+    uint64_t flags;    // PeelFlags
+    double most_clear;  // a pixel is finished at so little
+    int width;
+    int height;
+    uint light_count;
+    uint most_layers;  // of a pixel
+    uint perspective;
+    uint with_thickness;
+};
+
+// Rays of pixels' centres, as Camera::ray has them.
+struct PeelRays {
     Vec3d eye;
     Vec3d axis_x;
     Vec3d axis_y;
@@ -112,32 +136,33 @@ struct PeelSetup {
     double center_x;
     double center_y;
     double pixel_size;
-    double near_depth;
-    double far_depth;
-    double most_clear;  // a pixel is finished at so little
+};
+
+// What comes as push constants, the same for all invocations: software is slow to read what lies behind an address.
+struct PeelDrawPush {
+    uint64_t rays;  // PeelRays
     uint64_t parts;
     uint64_t planes;
     uint64_t objects;
-    uint64_t lights;
-    uint64_t order;    // rank of a triangle by its number; 0: by depth
-    uint64_t pixels;   // PeelPixel
-    uint64_t slots;    // places in the order, slot after slot
-    uint64_t slabs;    // Slab, target after target
-    uint64_t numbers;  // of their triangles
-    uint64_t counts;   // of slabs of a pixel in the targets
-    uint64_t colors;   // PeelColor
-    uint64_t flags;    // PeelFlags
+    uint64_t order;  // rank of a triangle by its number; 0: by depth
+    uint64_t slots;
+    uint64_t pixels;
+    double center_x;
+    double center_y;
+    double near_depth;
+    double far_depth;
     int width;
     int height;
-    uint light_count;
-    uint most_layers;  // of a pixel
-    uint perspective;
-    uint with_thickness;
-    int viewport_x;     // place of the viewport's corner, pixels
+    int viewport_x;  // place of the viewport's corner, pixels
     int viewport_y;
     int viewport_side;  // a power of two
-    uint judge_all;     // 1: the device's rasteriser is not as fine as the grid
-    float shift;        // of the corners, in 1/256 pixel: 0; else the wrong twin of the tests
+    uint perspective;
+    uint judge_all;  // 1: the device's rasteriser is not as fine as the grid
+    float shift;     // of the corners, in 1/256 pixel: 0; else the wrong twin of the tests
+};
+struct PeelShadePush {
+    uint64_t setup;
+    PeelRays rays;
 };
 
 struct PeelFlags {

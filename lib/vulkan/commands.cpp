@@ -193,6 +193,8 @@ void Commands::copy(const Buffer& from, std::uint64_t from_offset, const Buffer&
 void Commands::begin_stage(std::string_view name) {
     assert(!state_->in_stage);
     state_->mark();
+    // Once triangles were drawn, Mesa in software notes the time of a mark not before the next barrier.
+    if (state_->context->info.why_no_triangles.empty()) barrier();
     state_->stage_names.emplace_back(name);
     state_->in_stage = true;
 }

@@ -32,7 +32,7 @@ static_assert(sizeof(SurfaceFragment) == sizeof(twin::PaintedFragment) && sizeof
 static_assert(sizeof(twin::PeelPixel) == 24 && sizeof(twin::PeelColor) == 40 && sizeof(twin::PeelPart) == 32);
 static_assert(sizeof(twin::PeelLight) == 20 && sizeof(twin::PeelObject) == 272 && sizeof(twin::PeelFlags) == 20);
 
-using Push = std::uint64_t;  // address of the PeelSetup
+static_assert(sizeof(twin::PeelDrawPush) == 120 && sizeof(twin::PeelShadePush) == 128);
 
 enum class Output : std::uint32_t { targets, mixed, blended };
 
@@ -144,11 +144,11 @@ public:
 
         std::vector<bool> shows;
         for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(scene.objects[mesh.object].surface.opacity > 0);
-        const Parts parts = set_up(camera, meshes, shows);
+        Parts parts = set_up(camera, meshes, shows);
         first_part_ = parts.first;
+        upload_objects(parts);
         parts_ = filled(bytes_of(parts.parts));
         planes_ = filled(bytes_of(parts.planes));
-        upload_objects(parts);
         upload_lights();
         fill_setup();
     }
@@ -157,7 +157,7 @@ public:
                   const std::function<void(const PeeledTargets&)>& intermix) {
         make_room(output);
         Buffer order = filled(std::as_bytes(settings.order));
-        setup_.order = order.address();
+        draw_.order = order.address();
         setup_.most_clear = 1 - settings.opaque_at;
         setup_.most_layers = settings.layers > 0 ? static_cast<std::uint32_t>(settings.layers) : ~0U;
         const std::vector<VertexRange> ranges = ranges_of(objects);
@@ -178,16 +178,15 @@ public:
         return stats;
     }
 
-    std::vector<twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings, PeelMix mix,
-                                         PeelStats& stats) {
+    std::span<const twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
+                                             PeelMix mix, PeelStats& stats) {
         stats = run(objects, settings, mix == PeelMix::by_depth ? Output::mixed : Output::blended, {});
-        std::vector<twin::PeelColor> colors(pixels_);
-        const Buffer read(device_, colors_.bytes(), BufferKind::readback);
+        if (colors_read_.bytes() == 0) colors_read_ = Buffer(device_, colors_.bytes(), BufferKind::readback);
         commands_.begin_stage("read-back");
-        commands_.copy(colors_, 0, read, 0, colors_.bytes());
+        commands_.copy(colors_, 0, colors_read_, 0, colors_.bytes());
         commands_.end_stage();
         note(commands_.submit_and_wait());
-        std::memcpy(colors.data(), read.mapped().data(), read.bytes());
+        const std::span colors(reinterpret_cast<const twin::PeelColor*>(colors_read_.mapped().data()), pixels_);
         stats.bytes = device_.bytes_held();
         stats.fragments = 0;
         for (const twin::PeelColor& color : colors) {
@@ -213,7 +212,7 @@ private:
     }
 
     /// Meshes one after the other in one buffer each for positions, normals and indices: a device has few allocations.
-    void upload_objects(const Parts& parts) {
+    void upload_objects(Parts& parts) {
         std::uint64_t positions = 0, normals = 0, indices = 0;
         for (const ObjectMesh& object : meshes_.objects()) {
             positions += object.mesh->positions.size();
@@ -246,6 +245,8 @@ private:
                 clip.insert(clip.end(), {plane.normal.x, plane.normal.y, plane.normal.z, plane.offset});
             first_painted.push_back(painted.size());
             if ((object.flags & twin::kPeelPainted) != 0) paint(o, parts, object, painted);
+            if ((object.flags & (twin::kPeelPainted | twin::kPeelBounds)) != 0 || object.clip_count > 0)
+                for (std::uint32_t i = parts.first[o]; i < parts.first[o + 1]; ++i) parts.parts[i].object |= twin::kPeelAsks;
         }
         clip_ = filled(bytes_of(clip));
         painted_ = filled(bytes_of(painted));
@@ -318,15 +319,15 @@ private:
 
     void fill_setup() {
         const Camera& camera = scene_.camera;
-        setup_.eye = wide(camera.eye());
-        setup_.axis_x = wide(camera.world_vector({1, 0, 0}));
-        setup_.axis_y = wide(camera.world_vector({0, 1, 0}));
-        setup_.axis_z = wide(camera.forward());
-        setup_.center_x = camera.center().x;
-        setup_.center_y = camera.center().y;
-        setup_.pixel_size = camera.pixel_size();
-        setup_.near_depth = camera.near();
-        setup_.far_depth = camera.far();
+        twin::PeelRays& rays = shade_.rays;
+        rays.eye = wide(camera.eye());
+        rays.axis_x = wide(camera.world_vector({1, 0, 0}));
+        rays.axis_y = wide(camera.world_vector({0, 1, 0}));
+        rays.axis_z = wide(camera.forward());
+        rays.center_x = camera.center().x;
+        rays.center_y = camera.center().y;
+        rays.pixel_size = camera.pixel_size();
+        rays_ = filled(std::as_bytes(std::span(&rays, 1)));
         setup_.parts = parts_.address();
         setup_.planes = planes_.address();
         setup_.objects = objects_.address();
@@ -335,12 +336,24 @@ private:
         setup_.height = camera.height();
         setup_.perspective = camera.perspective() ? 1 : 0;
         setup_.with_thickness = settings_.thickness ? 1 : 0;
-        setup_.viewport_side = static_cast<int>(side_);
+
+        draw_.rays = rays_.address();
+        draw_.parts = parts_.address();
+        draw_.planes = planes_.address();
+        draw_.objects = objects_.address();
+        draw_.center_x = rays.center_x;
+        draw_.center_y = rays.center_y;
+        draw_.near_depth = camera.near();
+        draw_.far_depth = camera.far();
+        draw_.width = camera.width();
+        draw_.height = camera.height();
+        draw_.perspective = setup_.perspective;
+        draw_.viewport_side = static_cast<int>(side_);
         // As much room on either side of the image.
-        setup_.viewport_x = -(static_cast<int>(side_) - camera.width()) / 2;
-        setup_.viewport_y = -(static_cast<int>(side_) - camera.height()) / 2;
-        setup_.judge_all = settings_.judge_all || device_.info().subpixel_bits != kGridBits ? 1 : 0;
-        setup_.shift = settings_.shift;
+        draw_.viewport_x = -(static_cast<int>(side_) - camera.width()) / 2;
+        draw_.viewport_y = -(static_cast<int>(side_) - camera.height()) / 2;
+        draw_.judge_all = settings_.judge_all || device_.info().subpixel_bits != kGridBits ? 1 : 0;
+        draw_.shift = settings_.shift;
     }
 
     /// Buffers and kernels for one kind of output, kept from one run to the next.
@@ -363,8 +376,9 @@ private:
         } else {
             exactly(colors_, pixels_ * sizeof(twin::PeelColor));
         }
-        setup_.pixels = states_.address();
-        setup_.slots = places_.address();
+        setup_.pixels = draw_.pixels = states_.address();
+        setup_.slots = draw_.slots = places_.address();
+        shade_.setup = setup_buffer_.address();
         setup_.slabs = slabs_.address();
         setup_.numbers = numbers_.address();
         setup_.counts = counts_.address();
@@ -375,9 +389,9 @@ private:
         const auto narrow_slots = static_cast<std::uint32_t>(slots_);
         kernels_.emplace(Kernels{
             slots_, output,
-            RasterKernel(device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(Push), .constants = std::array{narrow_slots}}),
+            RasterKernel(device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = std::array{narrow_slots}}),
             Kernel(device_, kShadeWords,
-                   {.push_bytes = sizeof(Push),
+                   {.push_bytes = sizeof(shade_),
                     .constants = std::array{group_size_, narrow_slots, static_cast<std::uint32_t>(output)}})});
     }
 
@@ -411,29 +425,24 @@ private:
     /// All pixels as if nothing were drawn.
     void start(Output output) {
         upload_setup();
-        const std::vector<twin::PeelPixel> states(pixels_, {0, 1, ~0U, 0});
-        upload(device_, states_, bytes_of(states));
-        if (output != Output::targets) {
-            const std::vector<twin::PeelColor> colors(pixels_, {0, 0, 0, 1, std::numeric_limits<float>::infinity(), 0});
-            upload(device_, colors_, bytes_of(colors));
-        }
+        commands_.fill(states_, 0, states_.bytes(), 0);
+        if (output != Output::targets) commands_.fill(colors_, 0, colors_.bytes(), 0);
         commands_.fill(places_, 0, places_.bytes(), ~0U);
         commands_.barrier();
     }
 
     [[nodiscard]] twin::PeelFlags pass(std::span<const VertexRange> ranges) {
-        const Push push = setup_buffer_.address();
         const auto width = static_cast<std::uint32_t>(scene_.camera.width());
         const auto height = static_cast<std::uint32_t>(scene_.camera.height());
         commands_.fill(flags_, 0, flags_.bytes(), 0);
         commands_.barrier();
         commands_.begin_stage("peel");
-        commands_.draw(kernels_->raster, std::as_bytes(std::span(&push, 1)),
-                       {setup_.viewport_x, setup_.viewport_y, side_, width, height}, ranges);
+        commands_.draw(kernels_->raster, std::as_bytes(std::span(&draw_, 1)),
+                       {draw_.viewport_x, draw_.viewport_y, side_, width, height}, ranges);
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
-        commands_.dispatch(kernels_->shade, push, device_.groups_for(pixels_, group_size_));
+        commands_.dispatch(kernels_->shade, shade_, device_.groups_for(pixels_, group_size_));
         commands_.end_stage();
         commands_.barrier();
         commands_.copy(flags_, 0, flags_read_, 0, flags_.bytes());
@@ -471,10 +480,12 @@ private:
     std::size_t pixels_ = 0;
     std::vector<std::uint32_t> first_part_;  // of an object
     twin::PeelSetup setup_{};
+    twin::PeelDrawPush draw_{};
+    twin::PeelShadePush shade_{};
     Commands commands_;
     std::optional<Kernels> kernels_;
-    Buffer setup_buffer_, parts_, planes_, positions_, normals_, indices_, clip_, painted_, objects_, lights_;
-    Buffer states_, places_, slabs_, numbers_, counts_, colors_, flags_, flags_read_;
+    Buffer setup_buffer_, parts_, planes_, positions_, normals_, indices_, clip_, painted_, objects_, lights_, rays_;
+    Buffer states_, places_, slabs_, numbers_, counts_, colors_, colors_read_, flags_, flags_read_;
     std::vector<pellucid::StageTime> times_;
 };
 
@@ -488,8 +499,8 @@ PeelStats Peeler::peel(std::span<const std::uint32_t> objects, const PeelSetting
     return state_->run(objects, settings, Output::targets, intermix);
 }
 
-std::vector<twin::PeelColor> Peeler::compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
-                                             PeelMix mix, PeelStats& stats) {
+std::span<const twin::PeelColor> Peeler::compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
+                                                 PeelMix mix, PeelStats& stats) {
     return state_->compose(objects, settings, mix, stats);
 }
 

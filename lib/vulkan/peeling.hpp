@@ -66,8 +66,8 @@ public:
     ///   settings  `thickness` is that of PeelerSettings
     PeelStats peel(std::span<const std::uint32_t> objects, const PeelSettings& settings,
                    const std::function<void(const PeeledTargets&)>& intermix);
-    /// One colour a pixel, by rows; `clear` is what shines through, `z` +inf and `count` 0 where nothing is.
-    std::vector<twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings, PeelMix mix,
+    /// One colour a pixel, by rows, until the next call; `clear` is what shines through, all is 0 where nothing was drawn.
+    std::span<const twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings, PeelMix mix,
                                          PeelStats& stats);
 
     /// Device time of all that was done: peel, shade, read-back.

@@ -4,6 +4,7 @@
 #include <numeric>
 #include <optional>
 
+#include "core/parallel.hpp"
 #include "vulkan/peeling.hpp"
 
 namespace pellucid::vulkan {
@@ -27,23 +28,25 @@ public:
         const bool nearest = settings.mixing == SurfaceMixing::nearest;
         const PeelMix mix = settings.mixing == SurfaceMixing::blended ? PeelMix::one_over_the_other : PeelMix::by_depth;
         PeelStats peeled;
-        const std::vector<twin::PeelColor> colors =
+        const std::span<const twin::PeelColor> colors =
             peeler_->compose(all_objects(meshes_), {.layers = settings.layers, .thickness = false, .order = settings.order}, mix, peeled);
         stats = {peeled.fragments, peeled.layers, peeled.passes, static_cast<std::int64_t>(peeled.bytes)};
 
         Image image = empty_surface_image(scene_.camera);
         const std::array<std::span<float>, 5> planes{image.plane("R"), image.plane("G"), image.plane("B"), image.plane("A"),
                                                      image.plane("Z")};
-        for (std::size_t i = 0; i < colors.size(); ++i) {
-            const twin::PeelColor& c = colors[i];
-            if (c.count == 0) continue;
-            const double scale = nearest ? 1 / (1 - c.clear) : 1;
-            planes[0][i] = static_cast<float>(scale * c.r);
-            planes[1][i] = static_cast<float>(scale * c.g);
-            planes[2][i] = static_cast<float>(scale * c.b);
-            planes[3][i] = nearest ? 1 : static_cast<float>(1 - c.clear);
-            planes[4][i] = c.z;
-        }
+        parallel_for(colors.size(), 16384, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t i = begin; i < end; ++i) {
+                const twin::PeelColor& c = colors[i];
+                if (c.count == 0) continue;
+                const double scale = nearest ? 1 / (1 - c.clear) : 1;
+                planes[0][i] = static_cast<float>(scale * c.r);
+                planes[1][i] = static_cast<float>(scale * c.g);
+                planes[2][i] = static_cast<float>(scale * c.b);
+                planes[3][i] = nearest ? 1 : static_cast<float>(1 - c.clear);
+                planes[4][i] = c.z;
+            }
+        });
         return image;
     }
     [[nodiscard]] std::vector<pellucid::StageTime> device_times() const override {

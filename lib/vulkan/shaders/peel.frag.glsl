@@ -6,8 +6,16 @@
 
 layout(constant_id = 0) const uint kSlots = 4;
 
-layout(location = 0) flat in uint part_number;
-layout(location = 1) flat in uint judged;
+layout(push_constant, scalar) uniform Push { PeelDrawPush push; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Rays { PeelRays rays; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Order { uint at[]; };
+
+layout(location = 0) flat in uvec4 plane_0;
+layout(location = 1) flat in uvec4 plane_1;
+layout(location = 2) flat in uvec4 plane_2;
+layout(location = 3) flat in uvec4 plane_3;
+layout(location = 4) flat in uvec2 plane_4;
+layout(location = 5) flat in uvec4 part_judged_object_triangle;
 
 // A pixel's centre against an edge in 64 bits, as RasterEdge of cpu/rasterizer.hpp.
 bool inside(int from_x, int from_y, int to_x, int to_y, int x, int y) {
@@ -35,35 +43,51 @@ bool is_cut(PeelObject o, Vec3d world) {
 }
 
 void main() {
-    PeelSetup s = Setup(push.setup).setup;
     int x = int(gl_FragCoord.x);
     int y = int(gl_FragCoord.y);
-    if (x >= s.width || y >= s.height) return;
-    PeelPart part = Parts(s.parts).at[part_number];
-    if (judged != 0u && !(inside(part.x0, part.y0, part.x1, part.y1, x, y) && inside(part.x1, part.y1, part.x2, part.y2, x, y) &&
-                          inside(part.x2, part.y2, part.x0, part.y0, x, y)))
-        return;
-    double z = plane_depth(s, Planes(s.planes).at[part_number], x, y);
-    if (!(z >= s.near_depth && z <= s.far_depth)) return;
-    uint first = s.order != 0ul ? Order(s.order).at[part.triangle] : floatBitsToUint(float(z));
+    uint part_number = part_judged_object_triangle.x;
+    uint triangle = part_judged_object_triangle.w;
+    if (part_judged_object_triangle.y != 0u) {
+        PeelPart p = Parts(push.parts).at[part_number];
+        if (!(inside(p.x0, p.y0, p.x1, p.y1, x, y) && inside(p.x1, p.y1, p.x2, p.y2, x, y) && inside(p.x2, p.y2, p.x0, p.y0, x, y)))
+            return;
+    }
+    PeelPlane plane;
+    plane.base = packDouble2x32(plane_0.xy);
+    plane.c0 = packDouble2x32(plane_0.zw);
+    plane.cu = packDouble2x32(plane_1.xy);
+    plane.cv = packDouble2x32(plane_1.zw);
+    plane.d0 = packDouble2x32(plane_2.xy);
+    plane.du = packDouble2x32(plane_2.zw);
+    plane.dv = packDouble2x32(plane_3.xy);
+    plane.lo = packDouble2x32(plane_3.zw);
+    plane.hi = packDouble2x32(plane_4);
+    double z = plane_depth(push.center_x, push.center_y, plane, x, y);
+    if (!(z >= push.near_depth && z <= push.far_depth)) return;
+    uint first = push.order != 0ul ? Order(push.order).at[triangle] : floatBitsToUint(float(z));
     uint64_t place = (uint64_t(first) << 32u) | uint64_t(part_number);
 
-    uint pixel = uint(y) * uint(s.width) + uint(x);
-    if (place >= slot_of(s, kSlots - 1, pixel).value) return;
-    Pixels state = Pixels(s.pixels);
-    if (place < state.at[pixel].from || first > state.at[pixel].most) return;
+    uint64_t pixel = uint64_t(y) * uint64_t(push.width) + uint64_t(x);
+    uint64_t slot = push.slots + 8ul * pixel;
+    uint64_t step = 8ul * (uint64_t(push.width) * uint64_t(push.height));
+    if (place >= Place(slot + (kSlots - 1) * step).value) return;
+    if (place < Pixels(push.pixels + 24ul * pixel).at[0].from) return;
 
-    PeelObject o = Objects(s.objects).at[part.object];
-    if ((o.flags & kPeelPainted) != 0) {
-        uint at = uint(y - o.painted_y) * uint(o.painted_width) + uint(x - o.painted_x);
-        if (Painted(o.painted).at[at].triangle != part.triangle) return;
-    } else if (o.clip_count > 0 || (o.flags & kPeelBounds) != 0) {
-        if (is_cut(o, along(pixel_ray(s, x, y), z))) return;
+    uint object = part_judged_object_triangle.z;
+    if ((object & kPeelAsks) != 0u) {
+        PeelObject o = Objects(push.objects).at[object & ~kPeelAsks];
+        if ((o.flags & kPeelPainted) != 0) {
+            uint at = uint(y - o.painted_y) * uint(o.painted_width) + uint(x - o.painted_x);
+            if (Painted(o.painted).at[at].triangle != triangle) return;
+        } else {
+            if (is_cut(o, along(pixel_ray(Rays(push.rays).rays, push.perspective, x, y), z))) return;
+        }
     }
 
     for (uint i = 0; i < kSlots; ++i) {
-        uint64_t before = atomicMin(slot_of(s, i, pixel).value, place);
+        uint64_t before = atomicMin(Place(slot).value, place);
         if (before == kNoPlace) return;
         place = max(before, place);
+        slot += step;
     }
 }

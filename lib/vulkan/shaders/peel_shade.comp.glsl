@@ -12,6 +12,8 @@ const uint kTargets = 0;  // slabs into targets
 const uint kMixed = 1;    // into a colour; fragments at one depth are mixed by (4.4)
 const uint kBlended = 2;  // into a colour, one over the other
 
+layout(push_constant, scalar) uniform Push { PeelShadePush push; };
+layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Setup { PeelSetup setup; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Indices { uint at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Lights { PeelLight at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) writeonly buffer Slabs { Slab at[]; };
@@ -70,24 +72,24 @@ Vec3f shaded(PeelSetup s, PeelObject o, Vec3d ray, double ray_size, Vec3d normal
 }
 
 double thickness_by_pixel(PeelSetup s, Vec3d world, Vec3d geometric) {
-    Vec3d from = minus3d(world, s.eye);
-    Vec3d view = vec3d(dot3d(s.axis_x, from), dot3d(s.axis_y, from), dot3d(s.axis_z, from));
-    Vec3d normal = vec3d(dot3d(s.axis_x, geometric), dot3d(s.axis_y, geometric), dot3d(s.axis_z, geometric));
+    Vec3d from = minus3d(world, push.rays.eye);
+    Vec3d view = vec3d(dot3d(push.rays.axis_x, from), dot3d(push.rays.axis_y, from), dot3d(push.rays.axis_z, from));
+    Vec3d normal = vec3d(dot3d(push.rays.axis_x, geometric), dot3d(push.rays.axis_y, geometric), dot3d(push.rays.axis_z, geometric));
     Vec3d ray = s.perspective != 0 ? view : vec3d(0.0lf, 0.0lf, 1.0lf);
-    precise double side = s.pixel_size * (s.perspective != 0 ? view.z : 1.0lf);
+    precise double side = push.rays.pixel_size * (s.perspective != 0 ? view.z : 1.0lf);
     precise double stretch = size3d(normal) * size3d(ray) / abs(dot3d(normal, ray));
     precise double d = 0.5lf * side * (stretch < 8.0lf ? stretch : 8.0lf);  // kMostStretch
     return d;
 }
 
 Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) {
-    PeelObject o = Objects(s.objects).at[part.object];
+    PeelObject o = Objects(s.objects).at[part.object & ~kPeelAsks];
     if ((o.flags & kPeelPainted) != 0) {
         uint at = uint(y - o.painted_y) * uint(o.painted_width) + uint(x - o.painted_x);
         return Painted(o.painted).at[at].slab;
     }
-    double z = plane_depth(s, Planes(s.planes).at[part_number], x, y);
-    Ray ray = pixel_ray(s, x, y);
+    double z = plane_depth(push.rays.center_x, push.rays.center_y, Planes(s.planes).at[part_number], x, y);
+    Ray ray = pixel_ray(push.rays, s.perspective, x, y);
     Vec3d world = along(ray, z);
     uint t = part.triangle - o.first_triangle;
     Indices indices = Indices(o.triangles);
@@ -147,16 +149,16 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
 const double kNode[4] = double[](0.1834346424956498lf, 0.5255324099163290lf, 0.7966664774136267lf, 0.9602898564975363lf);
 const double kWeight[4] = double[](0.3626837833783620lf, 0.3137066458778873lf, 0.2223810344533745lf, 0.1012285362903763lf);
 
-PeelColor add_group(PeelColor sum, Slab together[kSlots], uint count) {
-    double r = double(together[0].r);
-    double g = double(together[0].g);
-    double b = double(together[0].b);
-    double passes = 1.0lf - double(together[0].a);
-    sum.z = min(sum.z, together[0].z);
+PeelColor add_group(PeelColor sum, Slab only, Slab together[kSlots], uint count) {
+    double r = double(only.r);
+    double g = double(only.g);
+    double b = double(only.b);
+    double passes = 1.0lf - double(only.a);
     if (count > 1) {
         r = 0.0lf;
         g = 0.0lf;
         b = 0.0lf;
+        passes = 1.0lf;
         uint pieces = (count + 15) / 16;
         for (uint node = 0; node < 8 * pieces; ++node) {
             double aside = kNode[node % 4] * (node % 8 < 4 ? 1.0lf : -1.0lf);
@@ -170,8 +172,13 @@ PeelColor add_group(PeelColor sum, Slab together[kSlots], uint count) {
                 b += others * double(together[k].b);
             }
         }
-        for (uint k = 1; k < count; ++k) passes *= 1.0lf - double(together[k].a);
+        for (uint k = 0; k < count; ++k) passes *= 1.0lf - double(together[k].a);
     }
+    if (sum.count == 0) {
+        sum.clear = 1.0lf;
+        sum.z = only.z;
+    }
+    sum.z = min(sum.z, only.z);
     sum.r += sum.clear * r;
     sum.g += sum.clear * g;
     sum.b += sum.clear * b;
@@ -185,25 +192,34 @@ void main() {
     uint pixels = uint(s.width) * uint(s.height);
     uint pixel = (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
     if (pixel >= pixels) return;
-    int x = int(pixel % uint(s.width));
-    int y = int(pixel / uint(s.width));
-    if (slot_of(s, 0, pixel).value == kNoPlace) {
+    uint64_t slot = s.slots + 8ul * pixel;
+    uint64_t place = Place(slot).value;
+    if (place == kNoPlace) {
         if (kOutput == kTargets) Numbers(s.counts).at[pixel] = 0;
         return;
     }
+    int y = int(pixel / uint(s.width));
+    int x = int(pixel) - y * s.width;
     PeelPixel state = Pixels(s.pixels).at[pixel];
+    if (state.count == 0) {
+        state.clear = 1.0lf;
+        state.most = 0xffffffffu;
+    }
     PeelPixel before_group = state;
     PeelColor sum;
     if (kOutput != kTargets) sum = Colors(s.colors).at[pixel];
-    Slab together[kSlots];  // fragments at one depth
+    Slab only;
+    Slab together[kSlots];  // fragments at one depth, where there is more than one
     uint gathered = 0;
     uint taken = 0;
     bool wanted = true;
     for (uint i = 0; i < kSlots; ++i) {
-        Place slot = slot_of(s, i, pixel);
-        uint64_t place = slot.value;
-        if (place == kNoPlace) break;
-        slot.value = kNoPlace;
+        if (i > 0) {
+            slot += 8ul * pixels;
+            place = Place(slot).value;
+            if (place == kNoPlace) break;
+        }
+        Place(slot).value = kNoPlace;
         uint first = uint(place >> 32u);
         wanted = wanted && state.count < s.most_layers && first <= state.most;
         if (!wanted) continue;
@@ -211,16 +227,21 @@ void main() {
         PeelPart part = Parts(s.parts).at[part_number];
         Slab slab = shade_fragment(s, part, part_number, x, y);
         if (kOutput == kTargets) {
-            uint64_t target = in_planes(s, taken, pixel);
+            uint64_t target = uint64_t(taken) * uint64_t(pixels) + uint64_t(pixel);
             Slabs(s.slabs + 24ul * target).at[0] = slab;
             Numbers(s.numbers + 4ul * target).at[0] = part.triangle;
         } else {
-            if (gathered > 0 && (kOutput == kBlended || together[0].z != slab.z)) {
-                sum = add_group(sum, together, gathered);
+            if (gathered > 0 && (kOutput == kBlended || only.z != slab.z)) {
+                sum = add_group(sum, only, together, gathered);
                 gathered = 0;
                 before_group = state;
             }
-            together[gathered++] = slab;
+            if (kOutput == kMixed && gathered > 0) {
+                if (gathered == 1) together[0] = only;
+                together[gathered] = slab;
+            }
+            if (gathered == 0) only = slab;
+            ++gathered;
         }
         ++taken;
         state.from = place + 1ul;
@@ -234,10 +255,10 @@ void main() {
         // More may come at the depth of the last ones: these come again in the next pass.
         state = before_group;
         if (gathered == kSlots) Flags(s.flags).flags.stuck = 1u;
-    } else if (kOutput != kTargets) {
-        sum = add_group(sum, together, gathered);
+    } else if (kOutput != kTargets && gathered > 0) {
+        sum = add_group(sum, only, together, gathered);
     }
-    if (state.count >= s.most_layers) state.from = kNoPlace;
+    if (!more) state.from = kNoPlace;  // finished
     if (more) Flags(s.flags).flags.more = 1u;
     Pixels(s.pixels).at[pixel] = state;
     if (kOutput == kTargets) {

@@ -5,25 +5,15 @@
 #extension GL_EXT_shader_atomic_int64 : require
 #include "kernel/peeling_twin.h"
 
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Setup { PeelSetup setup; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Parts { PeelPart at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Planes { PeelPlane at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Objects { PeelObject at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Painted { PaintedFragment at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Doubles { double at[]; };
-layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Order { uint at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Pixels { PeelPixel at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) buffer Place { uint64_t value; };
 
-layout(push_constant, scalar) uniform Push { uint64_t setup; } push;
-
 const uint64_t kNoPlace = 0xfffffffffffffffful;
-
-// One after the other in the planes of an image: layer · width · height + pixel, beyond 32 bits.
-uint64_t in_planes(PeelSetup s, uint layer, uint pixel) {
-    return uint64_t(layer) * (uint64_t(s.width) * uint64_t(s.height)) + uint64_t(pixel);
-}
-Place slot_of(PeelSetup s, uint slot, uint pixel) { return Place(s.slots + 8ul * in_planes(s, slot, pixel)); }
 
 Vec3d vec3d(double x, double y, double z) {
     Vec3d v;
@@ -50,9 +40,9 @@ Vec3d cross3d(Vec3d a, Vec3d b) {
 }
 
 // Of a plane on the ray of a pixel's centre.
-double plane_depth(PeelSetup s, PeelPlane p, int x, int y) {
-    precise double u = (double(x) + 0.5lf) - s.center_x;
-    precise double v = (double(y) + 0.5lf) - s.center_y;
+double plane_depth(double center_x, double center_y, PeelPlane p, int x, int y) {
+    precise double u = (double(x) + 0.5lf) - center_x;
+    precise double v = (double(y) + 0.5lf) - center_y;
     precise double above = p.c0 + p.cu * u + p.cv * v;
     precise double below = p.d0 + p.du * u + p.dv * v;
     precise double z = p.base + above / below;
@@ -63,7 +53,7 @@ struct Ray {
     Vec3d origin;
     Vec3d direction;
 };
-Ray pixel_ray(PeelSetup s, int x, int y) {
+Ray pixel_ray(PeelRays s, uint perspective, int x, int y) {
     precise double u = ((double(x) + 0.5lf) - s.center_x) * s.pixel_size;
     precise double v = ((double(y) + 0.5lf) - s.center_y) * s.pixel_size;
     precise double ax = u * s.axis_x.x + v * s.axis_y.x;
@@ -72,7 +62,7 @@ Ray pixel_ray(PeelSetup s, int x, int y) {
     Ray r;
     r.origin = s.eye;
     r.direction = s.axis_z;
-    if (s.perspective != 0) {
+    if (perspective != 0) {
         precise double x1 = s.axis_z.x + ax;
         precise double y1 = s.axis_z.y + ay;
         precise double z1 = s.axis_z.z + az;
