@@ -42,6 +42,8 @@ constexpr std::size_t kPiece = 8192;
 constexpr std::uint32_t kMostSide = 1U << 14U;
 constexpr std::uint32_t kGridBits = 8;
 static_assert(1 << kGridBits == kSubpixels);
+/// A row of a small image: workgroups cost more than pixels in software.
+constexpr std::uint32_t kPixelsEachInSoftware = 32;
 /// Slots where more fragments than M are at one depth: their loops stay below the limit of Vulkan in software (particles.cpp).
 constexpr int kMostSlots = 128;
 
@@ -133,6 +135,7 @@ public:
           settings_(settings),
           slots_(settings.targets),
           group_size_(group_size(device)),
+          pixels_each_(device.info().is_gpu ? 1 : kPixelsEachInSoftware),
           commands_(device) {
         const Camera& camera = scene.camera;
         const auto larger = static_cast<std::uint32_t>(std::max(camera.width(), camera.height()));
@@ -392,7 +395,7 @@ private:
             RasterKernel(device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = std::array{narrow_slots}}),
             Kernel(device_, kShadeWords,
                    {.push_bytes = sizeof(shade_),
-                    .constants = std::array{group_size_, narrow_slots, static_cast<std::uint32_t>(output)}})});
+                    .constants = std::array{group_size_, narrow_slots, static_cast<std::uint32_t>(output), pixels_each_}})});
     }
 
     /// More fragments are at one depth of a pixel than there are slots.
@@ -442,7 +445,7 @@ private:
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
-        commands_.dispatch(kernels_->shade, shade_, device_.groups_for(pixels_, group_size_));
+        commands_.dispatch(kernels_->shade, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
         commands_.end_stage();
         commands_.barrier();
         commands_.copy(flags_, 0, flags_read_, 0, flags_.bytes());
@@ -475,7 +478,7 @@ private:
     const SceneMeshes& meshes_;
     PeelerSettings settings_;
     int slots_;
-    std::uint32_t group_size_;
+    std::uint32_t group_size_, pixels_each_;
     std::uint32_t side_ = 0;  // of the viewport
     std::size_t pixels_ = 0;
     std::vector<std::uint32_t> first_part_;  // of an object

@@ -1,5 +1,6 @@
-// One invocation is one pixel after a pass: it takes the pixel's slots in their order, shades each once, and either stores
-// the slabs (targets) or adds them to the pixel's colour. No two invocations share anything but the flags.
+// One invocation is one pixel after a pass (in software, several of them: workgroups are dear there): it takes the pixel's
+// slots in their order, shades each once, and either stores the slabs (targets) or adds them to the pixel's colour. No two
+// invocations share anything but the flags.
 // Shading is that of cpu/depth_peeling.cpp: geometry in double, light by kernel/shading_twin.h.
 #version 460
 #include "vulkan/shaders/peeling.glsl"
@@ -7,6 +8,7 @@
 layout(local_size_x_id = 0) in;
 layout(constant_id = 1) const uint kSlots = 4;
 layout(constant_id = 2) const uint kOutput = 0;
+layout(constant_id = 3) const uint kPixelsEach = 1;
 
 const uint kTargets = 0;  // slabs into targets
 const uint kMixed = 1;    // into a colour; fragments at one depth are mixed by (4.4)
@@ -187,11 +189,7 @@ PeelColor add_group(PeelColor sum, Slab only, Slab together[kSlots], uint count)
     return sum;
 }
 
-void main() {
-    PeelSetup s = Setup(push.setup).setup;
-    uint pixels = uint(s.width) * uint(s.height);
-    uint pixel = (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
-    if (pixel >= pixels) return;
+void take_pixel(PeelSetup s, uint pixels, uint pixel) {
     uint64_t slot = s.slots + 8ul * pixel;
     uint64_t place = Place(slot).value;
     if (place == kNoPlace) {
@@ -270,5 +268,15 @@ void main() {
         atomicMax(flags.flags.layers, state.count);
     } else {
         Colors(s.colors).at[pixel] = sum;
+    }
+}
+
+void main() {
+    PeelSetup s = Setup(push.setup).setup;
+    uint pixels = uint(s.width) * uint(s.height);
+    uint group = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
+    for (uint i = 0; i < kPixelsEach; ++i) {
+        uint pixel = (group * kPixelsEach + i) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
+        if (pixel < pixels) take_pixel(s, pixels, pixel);
     }
 }
