@@ -3,11 +3,14 @@
 #include <algorithm>
 
 #include "core/error.hpp"
+#include "cpu/depth_peeling.hpp"
 #include "cpu/fast_particles.hpp"
 #include "cpu/fast_volume_caster.hpp"
+#include "cpu/surface_drawer.hpp"
 #include "vulkan/device.hpp"
 #include "vulkan/multi_volume_caster.hpp"
 #include "vulkan/particles.hpp"
+#include "vulkan/surface_drawer.hpp"
 
 namespace pellucid {
 
@@ -45,6 +48,14 @@ Image Backend::cast_volumes(const PreparedScene& scene, const MultiVolumeSetting
                             const std::function<void(double)>& progress, const FindSurfaces& surfaces) const {
     return on_device() ? vulkan::cast_volumes(*device_, scene, settings, stats, progress, surfaces)
                        : cast_volumes_fast(scene, settings, stats, progress, surfaces);
+}
+
+std::unique_ptr<SurfaceDrawer> Backend::make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const {
+    return on_device() ? vulkan::make_surface_drawer(*device_, scene, meshes) : pellucid::make_surface_drawer(scene, meshes);
+}
+
+std::int64_t Backend::planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices) const {
+    return on_device() ? vulkan::planned_surface_bytes(scene, triangles, vertices) : planned_peel_bytes(triangles, vertices);
 }
 
 }  // namespace pellucid

@@ -9,6 +9,7 @@
 
 #include "scene/prepared_scene.hpp"
 #include "stage/particle_drawer.hpp"
+#include "stage/surface_drawer.hpp"
 
 namespace pellucid {
 
@@ -50,6 +51,10 @@ public:
     [[nodiscard]] Image cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settings,
                                      MultiVolumeStats& stats, const std::function<void(double)>& progress,
                                      const std::function<SurfaceLayers(int y0, int y1)>& surfaces) const;
+    /// Scene and meshes must outlive it.
+    [[nodiscard]] std::unique_ptr<SurfaceDrawer> make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const;
+    /// Bytes that it will hold beside the meshes: on the device if there is one.
+    [[nodiscard]] std::int64_t planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices) const;
 
 private:
     std::shared_ptr<const vulkan::Device> device_;

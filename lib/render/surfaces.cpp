@@ -4,8 +4,9 @@
 #include <numeric>
 
 #include "core/stopwatch.hpp"
-#include "cpu/depth_peeling.hpp"
 #include "render/methods.hpp"
+#include "stage/scene_meshes.hpp"
+#include "stage/surface_drawer.hpp"
 
 namespace pellucid {
 namespace {
@@ -45,30 +46,7 @@ enum class Sort { none, object, triangle };
     return rank;
 }
 
-// ---- From the fragments of a pixel to its colour
-
-[[nodiscard]] Composite nearest_as_opaque(std::span<const SurfaceFragment> fragments) {
-    const twin::Slab& slab = fragments.front().slab;
-    const auto straight = [&](float c) { return static_cast<double>(c) / static_cast<double>(slab.a); };
-    return {straight(slab.r), straight(slab.g), straight(slab.b), 1};
-}
-
-[[nodiscard]] Composite blend(std::span<const SurfaceFragment> fragments) {
-    Composite sum;
-    double clear = 1;
-    for (const SurfaceFragment& f : fragments) {
-        sum.r += clear * static_cast<double>(f.slab.r);
-        sum.g += clear * static_cast<double>(f.slab.g);
-        sum.b += clear * static_cast<double>(f.slab.b);
-        clear *= 1 - static_cast<double>(f.slab.a);
-    }
-    sum.a = 1 - clear;
-    return sum;
-}
-
 // ---- The pipeline
-
-using Resolve = Composite (*)(std::span<const SurfaceFragment>);
 
 [[nodiscard]] TessellationSettings read_tessellation(const RenderInput& input) {
     TessellationSettings s;
@@ -76,7 +54,7 @@ using Resolve = Composite (*)(std::span<const SurfaceFragment>);
     return s;
 }
 
-[[nodiscard]] Image draw_surfaces(const RenderInput& input, RenderStats& stats, PeelSettings settings, Resolve resolve,
+[[nodiscard]] Image draw_surfaces(const RenderInput& input, RenderStats& stats, SurfaceDrawSettings settings,
                                   std::optional<Sort> sort = {}) {
     Stopwatch watch;
     const PreparedScene& scene = input.scene;
@@ -89,41 +67,32 @@ using Resolve = Composite (*)(std::span<const SurfaceFragment>);
         stats.stages.push_back({"sort", watch.lap(), static_cast<std::int64_t>(4 * order.size()), ""});
     }
     settings.order = order;
-    settings.thickness = false;
 
-    Image image(scene.camera.width(), scene.camera.height());
-    for (const char* name : {"R", "G", "B", "A"}) (void)image.add(name);
-    (void)image.add("Z", std::numeric_limits<float>::infinity());
-    const std::array<std::span<float>, 5> planes{image.plane("R"), image.plane("G"), image.plane("B"), image.plane("A"),
-                                                 image.plane("Z")};
-    const auto width = static_cast<std::size_t>(image.width());
-    const PeelStats peeled = peel(scene, meshes, all_objects(meshes), settings,
-                                  [&](int x, int y, std::span<const SurfaceFragment> fragments) {
-                                      const std::size_t at = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
-                                      const Composite color = resolve(fragments);
-                                      planes[0][at] = static_cast<float>(color.r);
-                                      planes[1][at] = static_cast<float>(color.g);
-                                      planes[2][at] = static_cast<float>(color.b);
-                                      planes[3][at] = static_cast<float>(color.a);
-                                      for (const SurfaceFragment& f : fragments) planes[4][at] = std::min(planes[4][at], f.slab.z);
-                                  });
-    stats.stages.push_back({"draw", watch.lap(), static_cast<std::int64_t>(peeled.bytes),
-                            fmt::format("{} fragments, up to {} a pixel", peeled.fragments, peeled.layers)});
-    stats.hits = peeled.fragments;
-    stats.layers = peeled.layers;
+    const auto drawer = input.backend.make_surface_drawer(scene, meshes);
+    SurfaceDrawStats drawn;
+    Image image = drawer->draw(settings, drawn);
+    stats.stages.push_back({"draw", watch.lap(), drawn.bytes,
+                            fmt::format("{} fragments, up to {} a pixel, {} passes", drawn.fragments, drawn.layers, drawn.passes)});
+    // What the device's clock says of parts of the drawing; their wall time is in "draw".
+    for (const StageTime& time : drawer->device_times())
+        stats.stages.push_back({time.name, 0, 0, "part of the drawing", time.device_s});
+    stats.hits = drawn.fragments;
+    stats.layers = drawn.layers;
     input.progress(1);
     return image;
 }
 
 [[nodiscard]] std::vector<Stage> plan_surfaces(const RenderInput& input, bool sorted) {
-    const MeshPlan plan = plan_meshes(input.scene, read_tessellation(input));
-    const Camera& camera = input.scene.camera;
+    const PreparedScene& scene = input.scene;
+    const MeshPlan plan = plan_meshes(scene, read_tessellation(input));
+    const Camera& camera = scene.camera;
     std::vector<Stage> stages{
-        {"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()), fmt::format("{} objects", input.scene.object_count())},
+        {"read scene", 0, static_cast<std::int64_t>(scene.bytes()), fmt::format("{} objects", scene.object_count())},
         {"triangles", 0, plan.bytes,
          fmt::format("{:.0f} triangles of {} objects, {} tessellated", plan.triangles, plan.objects, plan.tessellated)}};
     if (sorted) stages.push_back({"sort", 0, static_cast<std::int64_t>(4 * plan.triangles), ""});
-    stages.push_back({"draw", 0, planned_peel_bytes(plan.triangles, plan.triangles / 2), "without the fragments of tiles at work"});
+    stages.push_back({"draw", 0, input.backend.planned_surface_bytes(scene, plan.triangles, plan.triangles / 2),
+                      input.backend.on_device() ? "on the device" : "without the fragments of tiles at work"});
     stages.push_back({"image", 0, std::int64_t{4} * 5 * camera.width() * camera.height(), "5 planes"});
     return stages;
 }
@@ -147,8 +116,9 @@ Method z_test_method() {
         [](const RenderInput& input) { (void)read_tessellation(input); },
         [](const RenderInput& input) { return plan_surfaces(input, false); },
         [](const RenderInput& input, RenderStats& stats) {
-            return draw_surfaces(input, stats, {.layers = 1}, nearest_as_opaque);
+            return draw_surfaces(input, stats, {.mixing = SurfaceMixing::nearest, .layers = 1});
         },
+        true,
     };
 }
 
@@ -164,8 +134,9 @@ Method depth_peeling_method() {
         },
         [](const RenderInput& input) { return plan_surfaces(input, false); },
         [](const RenderInput& input, RenderStats& stats) {
-            return draw_surfaces(input, stats, {.layers = read_layers(input)}, composite_surfaces);
+            return draw_surfaces(input, stats, {.mixing = SurfaceMixing::by_depth, .layers = read_layers(input)});
         },
+        true,
     };
 }
 
@@ -183,8 +154,9 @@ Method alpha_blend_method() {
         },
         [](const RenderInput& input) { return plan_surfaces(input, read_sort(input) != Sort::none); },
         [](const RenderInput& input, RenderStats& stats) {
-            return draw_surfaces(input, stats, {}, blend, read_sort(input));
+            return draw_surfaces(input, stats, {.mixing = SurfaceMixing::blended}, read_sort(input));
         },
+        true,
     };
 }
 

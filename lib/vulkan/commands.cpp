@@ -10,14 +10,20 @@ namespace {
 /// Timestamps in a pool; a list of commands has as many pools as it needs.
 constexpr std::uint32_t kPoolMarks = 512;
 
-constexpr VkPipelineStageFlags2 kWork =
-    VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_2_ALL_TRANSFER_BIT;
+/// Stages that read and write buffers; those that draw only where the queue has them.
+[[nodiscard]] VkPipelineStageFlags2 work(const Context& context) {
+    constexpr VkPipelineStageFlags2 kComputes =
+        VK_PIPELINE_STAGE_2_COMPUTE_SHADER_BIT | VK_PIPELINE_STAGE_2_ALL_TRANSFER_BIT;
+    constexpr VkPipelineStageFlags2 kDraws =
+        VK_PIPELINE_STAGE_2_VERTEX_SHADER_BIT | VK_PIPELINE_STAGE_2_FRAGMENT_SHADER_BIT;
+    return context.info.why_no_triangles.empty() ? kComputes | kDraws : kComputes;
+}
 constexpr VkAccessFlags2 kReads = VK_ACCESS_2_SHADER_READ_BIT | VK_ACCESS_2_TRANSFER_READ_BIT;
 constexpr VkAccessFlags2 kWrites = VK_ACCESS_2_SHADER_WRITE_BIT | VK_ACCESS_2_TRANSFER_WRITE_BIT;
 
-void memory_barrier(VkCommandBuffer list, VkPipelineStageFlags2 to, VkAccessFlags2 access) {
+void memory_barrier(VkCommandBuffer list, VkPipelineStageFlags2 from, VkPipelineStageFlags2 to, VkAccessFlags2 access) {
     auto all = structure<VkMemoryBarrier2>(VK_STRUCTURE_TYPE_MEMORY_BARRIER_2);
-    all.srcStageMask = kWork;
+    all.srcStageMask = from;
     all.srcAccessMask = kWrites;
     all.dstStageMask = to;
     all.dstAccessMask = access;
@@ -143,7 +149,31 @@ void Commands::dispatch(const Kernel& kernel, std::span<const std::byte> push, G
     vkCmdDispatch(list, groups.x, groups.y, groups.z);
 }
 
-void Commands::barrier() { memory_barrier(state_->open(), kWork, kReads | kWrites); }
+void Commands::draw(const RasterKernel& kernel, std::span<const std::byte> push, const Viewport& viewport,
+                    std::span<const VertexRange> ranges) {
+    const RasterKernel::State& k = *kernel.state_;
+    assert(push.size() == k.push_bytes);
+    VkCommandBuffer list = state_->open();
+    auto rendering = structure<VkRenderingInfo>(VK_STRUCTURE_TYPE_RENDERING_INFO);
+    rendering.renderArea.extent = {viewport.width, viewport.height};
+    rendering.layerCount = 1;
+    vkCmdBeginRendering(list, &rendering);
+    vkCmdBindPipeline(list, VK_PIPELINE_BIND_POINT_GRAPHICS, k.pipeline);
+    const auto side = static_cast<float>(viewport.side);
+    const VkViewport to{static_cast<float>(viewport.x), static_cast<float>(viewport.y), side, side, 0, 1};
+    vkCmdSetViewport(list, 0, 1, &to);
+    vkCmdSetScissor(list, 0, 1, &rendering.renderArea);
+    if (k.push_bytes > 0)
+        vkCmdPushConstants(list, k.layout, VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT, 0, k.push_bytes,
+                           push.data());
+    for (const VertexRange& range : ranges) vkCmdDraw(list, range.count, 1, range.first, 0);
+    vkCmdEndRendering(list);
+}
+
+void Commands::barrier() {
+    const VkPipelineStageFlags2 stages = work(*state_->context);
+    memory_barrier(state_->open(), stages, stages, kReads | kWrites);
+}
 
 void Commands::fill(const Buffer& buffer, std::uint64_t offset, std::uint64_t bytes, std::uint32_t value) {
     assert(offset % 4 == 0 && bytes % 4 == 0 && offset <= buffer.bytes() && bytes <= buffer.bytes() - offset);
@@ -163,6 +193,8 @@ void Commands::copy(const Buffer& from, std::uint64_t from_offset, const Buffer&
 void Commands::begin_stage(std::string_view name) {
     assert(!state_->in_stage);
     state_->mark();
+    // Once triangles were drawn, Mesa in software notes the time of a mark not before the next barrier.
+    if (state_->context->info.why_no_triangles.empty()) barrier();
     state_->stage_names.emplace_back(name);
     state_->in_stage = true;
 }
@@ -178,7 +210,8 @@ std::vector<StageTime> Commands::submit_and_wait() {
     assert(!s.in_stage);
     if (!s.recording) return {};
     // A fence makes nothing visible: neither to the host's reads of mapped memory nor to the commands of the next list.
-    memory_barrier(s.list, VK_PIPELINE_STAGE_2_HOST_BIT | kWork, VK_ACCESS_2_HOST_READ_BIT | kReads | kWrites);
+    const VkPipelineStageFlags2 stages = work(*s.context);
+    memory_barrier(s.list, stages, VK_PIPELINE_STAGE_2_HOST_BIT | stages, VK_ACCESS_2_HOST_READ_BIT | kReads | kWrites);
     s.recording = false;
     check(vkEndCommandBuffer(s.list), "vkEndCommandBuffer");
 

@@ -83,4 +83,18 @@ struct Kernel::State {
     ~State();
 };
 
+struct RasterKernel::State {
+    std::shared_ptr<Context> context;
+    VkShaderModule vertex = VK_NULL_HANDLE;
+    VkShaderModule fragment = VK_NULL_HANDLE;
+    VkPipelineLayout layout = VK_NULL_HANDLE;
+    VkPipeline pipeline = VK_NULL_HANDLE;
+    std::uint32_t push_bytes = 0;
+
+    State() = default;
+    State(const State&) = delete;
+    State& operator=(const State&) = delete;
+    ~State();
+};
+
 }  // namespace pellucid::vulkan

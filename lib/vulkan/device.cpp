@@ -150,18 +150,30 @@ struct Features {
                  {"synchronization2", &v13.synchronization2},
                  {"maintenance4", &v13.maintenance4}}};
     }
+    /// What else it takes to draw triangles as RasterKernel does.
+    [[nodiscard]] std::array<Named, 3> for_triangles() {
+        return {{{"shaderFloat64", &core.features.shaderFloat64},
+                 {"fragmentStoresAndAtomics", &core.features.fragmentStoresAndAtomics},
+                 {"dynamicRendering", &v13.dynamicRendering}}};
+    }
 };
 
-/// A family that computes and has timestamps.
-[[nodiscard]] std::optional<std::uint32_t> find_queue_family(VkPhysicalDevice physical) {
+struct QueueFamily {
+    std::uint32_t index;
+    bool draws;
+};
+/// A family that computes and has timestamps; one that draws too goes first.
+[[nodiscard]] std::optional<QueueFamily> find_queue_family(VkPhysicalDevice physical) {
     std::uint32_t count = 0;
     vkGetPhysicalDeviceQueueFamilyProperties(physical, &count, nullptr);
     std::vector<VkQueueFamilyProperties> families(count);
     vkGetPhysicalDeviceQueueFamilyProperties(physical, &count, families.data());
-    for (std::uint32_t i = 0; i < count; ++i) {
-        const bool computes = (families[i].queueFlags & VK_QUEUE_COMPUTE_BIT) != 0;
-        if (computes && families[i].timestampValidBits > 0) return i;
-    }
+    for (const bool draws : {true, false})
+        for (std::uint32_t i = 0; i < count; ++i) {
+            const VkQueueFlags wanted = VK_QUEUE_COMPUTE_BIT | (draws ? VK_QUEUE_GRAPHICS_BIT : 0);
+            const bool has = (families[i].queueFlags & wanted) == wanted;
+            if (has && families[i].timestampValidBits > 0) return QueueFamily{i, draws};
+        }
     return std::nullopt;
 }
 
@@ -186,6 +198,10 @@ struct Features {
     c.info.max_workgroup_size = basic.limits.maxComputeWorkGroupInvocations;
     c.info.shared_bytes = basic.limits.maxComputeSharedMemorySize;
     c.info.heap_bytes = largest_device_heap(physical);
+    c.info.subpixel_bits = basic.limits.subPixelPrecisionBits;
+    c.info.largest_viewport =
+        std::min({basic.limits.maxViewportDimensions[0], basic.limits.maxViewportDimensions[1],
+                  basic.limits.maxFramebufferWidth, basic.limits.maxFramebufferHeight});
     if (basic.apiVersion < VK_API_VERSION_1_3) {
         c.info.why_not =
             fmt::format("it has Vulkan {}.{}, 1.3 is needed", VK_API_VERSION_MAJOR(basic.apiVersion),
@@ -216,9 +232,15 @@ struct Features {
     std::vector<std::string> missing;
     for (const Features::Named& feature : there.required())
         if (*feature.value == VK_FALSE) missing.emplace_back(feature.name);
-    const std::optional<std::uint32_t> family = find_queue_family(physical);
+    const std::optional<QueueFamily> family = find_queue_family(physical);
     if (!family) missing.emplace_back("a compute queue with timestamps");
-    c.queue_family = family.value_or(0);
+    c.queue_family = family ? family->index : 0;
+    std::vector<std::string> missing_for_triangles;
+    for (const Features::Named& feature : there.for_triangles())
+        if (*feature.value == VK_FALSE) missing_for_triangles.emplace_back(feature.name);
+    if (!family || !family->draws) missing_for_triangles.emplace_back("a queue that computes and draws");
+    if (!missing_for_triangles.empty())
+        c.info.why_no_triangles = fmt::format("it lacks {}", fmt::join(missing_for_triangles, ", "));
     c.info.usable = missing.empty();
     if (!missing.empty()) c.info.why_not = fmt::format("it lacks {}", fmt::join(missing, ", "));
     return c;
@@ -268,6 +290,8 @@ void create_device(Context& context) {
     queue.pQueuePriorities = &priority;
     Features wanted;
     for (const Features::Named& feature : wanted.required()) *feature.value = VK_TRUE;
+    for (const Features::Named& feature : wanted.for_triangles())
+        *feature.value = context.info.why_no_triangles.empty() ? VK_TRUE : VK_FALSE;
     wanted.v12.shaderSharedInt64Atomics = context.info.shared_int64_atomics ? VK_TRUE : VK_FALSE;
     wanted.core.features.shaderFloat64 = context.info.float64 ? VK_TRUE : VK_FALSE;
     auto create = structure<VkDeviceCreateInfo>(VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO);

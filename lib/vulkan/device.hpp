@@ -1,5 +1,5 @@
-// Headless Vulkan compute in five things: a device, buffers that shaders reach by their address, kernels,
-// one list of commands at a time, and the times of its stages. A pass reads: barrier, push, dispatch.
+// Headless Vulkan in six things: a device, buffers that shaders reach by their address, kernels (and kernels that draw
+// triangles), one list of commands at a time, and the times of its stages. A pass reads: barrier, push, dispatch.
 //
 // Shaders get addresses in their push constants (GL_EXT_buffer_reference) and no descriptors, so a buffer
 // may be larger than the largest storage-buffer binding. Buffers, kernels and commands keep what they
@@ -32,6 +32,9 @@ struct DeviceInfo {
     std::uint32_t max_workgroup_size = 0;  // invocations
     bool shared_int64_atomics = false;
     bool float64 = false;                  // double precision in shaders
+    std::string why_no_triangles;          // what RasterKernel would need, one line; empty where it is there
+    std::uint32_t subpixel_bits = 0;       // of the rasteriser
+    std::uint32_t largest_viewport = 0;    // pixels, in either direction
 };
 
 /// All devices, usable or not; empty without a driver.
@@ -73,6 +76,7 @@ public:
 private:
     friend class Buffer;
     friend class Kernel;
+    friend class RasterKernel;
     friend class Commands;
     std::shared_ptr<Context> context_;
 };
@@ -125,6 +129,33 @@ private:
     std::unique_ptr<State> state_;
 };
 
+/// A vertex and a fragment shader. They draw triangles, in any order and without an image: what comes of it is
+/// what the fragment shader writes to buffers.
+class RasterKernel {
+public:
+    /// Throws Error(device) where info().why_no_triangles says why.
+    RasterKernel(const Device& device, std::span<const std::uint32_t> vertex, std::span<const std::uint32_t> fragment,
+                 const KernelSettings& settings = {});
+    RasterKernel(RasterKernel&& other) noexcept;
+    RasterKernel& operator=(RasterKernel&& other) noexcept;
+    ~RasterKernel();
+
+private:
+    friend class Commands;
+    struct State;
+    std::unique_ptr<State> state_;
+};
+
+/// Where normalised coordinates -1 … 1 go, in pixels; drawn are the pixels from (0, 0) to (width, height) alone.
+struct Viewport {
+    std::int32_t x = 0, y = 0;
+    std::uint32_t side = 0;
+    std::uint32_t width = 0, height = 0;
+};
+struct VertexRange {
+    std::uint32_t first, count;
+};
+
 struct StageTime {
     std::string name;
     double seconds = 0;  // on the device's clock
@@ -146,6 +177,9 @@ public:
         static_assert(std::is_trivially_copyable_v<Push>);
         dispatch(kernel, std::as_bytes(std::span(&push, 1)), groups);
     }
+    /// Triangles of three vertices each; gl_VertexIndex counts from a range's first.
+    void draw(const RasterKernel& kernel, std::span<const std::byte> push, const Viewport& viewport,
+              std::span<const VertexRange> ranges);
     /// What follows sees all that came before has written, by shaders, fills and copies.
     void barrier();
     /// Offset and bytes: multiples of 4, within the buffer.

@@ -1,5 +1,6 @@
 // Buffers and kernels.
 #include <algorithm>
+#include <array>
 #include <cassert>
 #include <cstring>
 #include <optional>
@@ -179,6 +180,48 @@ void download(const Device& device, const Buffer& buffer, std::span<std::byte> b
 
 // Kernels
 
+namespace {
+
+[[nodiscard]] VkShaderModule make_shader(VkDevice device, std::span<const std::uint32_t> spirv) {
+    auto create = structure<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
+    create.codeSize = spirv.size_bytes();
+    create.pCode = spirv.data();
+    VkShaderModule shader = VK_NULL_HANDLE;
+    check(vkCreateShaderModule(device, &create, nullptr, &shader), "vkCreateShaderModule");
+    return shader;
+}
+
+[[nodiscard]] VkPipelineLayout make_layout(VkDevice device, VkShaderStageFlags stages, std::uint32_t push_bytes) {
+    const VkPushConstantRange push{stages, 0, push_bytes};
+    auto create = structure<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
+    create.pushConstantRangeCount = push_bytes > 0 ? 1 : 0;
+    create.pPushConstantRanges = &push;
+    VkPipelineLayout layout = VK_NULL_HANDLE;
+    check(vkCreatePipelineLayout(device, &create, nullptr, &layout), "vkCreatePipelineLayout");
+    return layout;
+}
+
+/// Specialisation constants 0, 1, … as Vulkan wants them; not to be copied.
+class Constants {
+public:
+    explicit Constants(std::span<const std::uint32_t> values) {
+        for (std::uint32_t id = 0; id < values.size(); ++id) entries_.push_back({id, 4 * id, 4});
+        info_.mapEntryCount = static_cast<std::uint32_t>(entries_.size());
+        info_.pMapEntries = entries_.data();
+        info_.dataSize = values.size_bytes();
+        info_.pData = values.data();
+    }
+    Constants(const Constants&) = delete;
+    Constants& operator=(const Constants&) = delete;
+    [[nodiscard]] const VkSpecializationInfo* info() const { return entries_.empty() ? nullptr : &info_; }
+
+private:
+    std::vector<VkSpecializationMapEntry> entries_;
+    VkSpecializationInfo info_{};
+};
+
+}  // namespace
+
 Kernel::State::~State() {
     if (pipeline != VK_NULL_HANDLE) vkDestroyPipeline(context->device, pipeline, nullptr);
     if (layout != VK_NULL_HANDLE) vkDestroyPipelineLayout(context->device, layout, nullptr);
@@ -197,33 +240,93 @@ Kernel::Kernel(const Device& device, std::span<const std::uint32_t> spirv, const
     s.push_bytes = settings.push_bytes;
     VkDevice logical = s.context->device;
 
-    auto shader = structure<VkShaderModuleCreateInfo>(VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
-    shader.codeSize = spirv.size_bytes();
-    shader.pCode = spirv.data();
-    check(vkCreateShaderModule(logical, &shader, nullptr, &s.shader), "vkCreateShaderModule");
-
-    const VkPushConstantRange push{VK_SHADER_STAGE_COMPUTE_BIT, 0, settings.push_bytes};
-    auto layout = structure<VkPipelineLayoutCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO);
-    layout.pushConstantRangeCount = settings.push_bytes > 0 ? 1 : 0;
-    layout.pPushConstantRanges = &push;
-    check(vkCreatePipelineLayout(logical, &layout, nullptr, &s.layout), "vkCreatePipelineLayout");
-
-    std::vector<VkSpecializationMapEntry> entries;
-    for (std::uint32_t id = 0; id < settings.constants.size(); ++id) entries.push_back({id, 4 * id, 4});
-    VkSpecializationInfo constants{};
-    constants.mapEntryCount = static_cast<std::uint32_t>(entries.size());
-    constants.pMapEntries = entries.data();
-    constants.dataSize = settings.constants.size_bytes();
-    constants.pData = settings.constants.data();
+    s.shader = make_shader(logical, spirv);
+    s.layout = make_layout(logical, VK_SHADER_STAGE_COMPUTE_BIT, settings.push_bytes);
+    const Constants constants(settings.constants);
     auto pipeline = structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
     pipeline.stage.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO;
     pipeline.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
     pipeline.stage.module = s.shader;
     pipeline.stage.pName = "main";
-    pipeline.stage.pSpecializationInfo = entries.empty() ? nullptr : &constants;
+    pipeline.stage.pSpecializationInfo = constants.info();
     pipeline.layout = s.layout;
     check(vkCreateComputePipelines(logical, VK_NULL_HANDLE, 1, &pipeline, nullptr, &s.pipeline),
           "vkCreateComputePipelines");
+}
+
+RasterKernel::State::~State() {
+    if (pipeline != VK_NULL_HANDLE) vkDestroyPipeline(context->device, pipeline, nullptr);
+    if (layout != VK_NULL_HANDLE) vkDestroyPipelineLayout(context->device, layout, nullptr);
+    if (fragment != VK_NULL_HANDLE) vkDestroyShaderModule(context->device, fragment, nullptr);
+    if (vertex != VK_NULL_HANDLE) vkDestroyShaderModule(context->device, vertex, nullptr);
+}
+
+RasterKernel::RasterKernel(RasterKernel&& other) noexcept = default;
+RasterKernel& RasterKernel::operator=(RasterKernel&& other) noexcept = default;
+RasterKernel::~RasterKernel() = default;
+
+RasterKernel::RasterKernel(const Device& device, std::span<const std::uint32_t> vertex,
+                           std::span<const std::uint32_t> fragment, const KernelSettings& settings)
+    : state_(std::make_unique<State>()) {
+    assert(settings.push_bytes <= 128 && settings.push_bytes % 4 == 0);
+    if (const DeviceInfo& info = device.info(); !info.why_no_triangles.empty())
+        throw Error(Failure::device, fmt::format("Vulkan device \"{}\" cannot draw triangles: {}", info.name, info.why_no_triangles));
+    State& s = *state_;
+    s.context = device.context_;
+    s.push_bytes = settings.push_bytes;
+    VkDevice logical = s.context->device;
+    s.vertex = make_shader(logical, vertex);
+    s.fragment = make_shader(logical, fragment);
+    s.layout = make_layout(logical, VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT, settings.push_bytes);
+
+    const Constants constants(settings.constants);
+    std::array<VkPipelineShaderStageCreateInfo, 2> stages{};
+    for (VkPipelineShaderStageCreateInfo& stage : stages) {
+        stage.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO;
+        stage.pName = "main";
+        stage.pSpecializationInfo = constants.info();
+    }
+    stages[0].stage = VK_SHADER_STAGE_VERTEX_BIT;
+    stages[0].module = s.vertex;
+    stages[1].stage = VK_SHADER_STAGE_FRAGMENT_BIT;
+    stages[1].module = s.fragment;
+
+    // Triangles by number, either side, one sample a pixel, no image, no depth; the viewport comes with the draw.
+    auto input = structure<VkPipelineVertexInputStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_VERTEX_INPUT_STATE_CREATE_INFO);
+    auto assembly =
+        structure<VkPipelineInputAssemblyStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_INPUT_ASSEMBLY_STATE_CREATE_INFO);
+    assembly.topology = VK_PRIMITIVE_TOPOLOGY_TRIANGLE_LIST;
+    auto viewport = structure<VkPipelineViewportStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_VIEWPORT_STATE_CREATE_INFO);
+    viewport.viewportCount = 1;
+    viewport.scissorCount = 1;
+    auto raster =
+        structure<VkPipelineRasterizationStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_RASTERIZATION_STATE_CREATE_INFO);
+    raster.lineWidth = 1;
+    auto samples = structure<VkPipelineMultisampleStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_MULTISAMPLE_STATE_CREATE_INFO);
+    samples.rasterizationSamples = VK_SAMPLE_COUNT_1_BIT;
+    auto blend = structure<VkPipelineColorBlendStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_COLOR_BLEND_STATE_CREATE_INFO);
+    auto depth = structure<VkPipelineDepthStencilStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_DEPTH_STENCIL_STATE_CREATE_INFO);
+    const std::array<VkDynamicState, 2> later{VK_DYNAMIC_STATE_VIEWPORT, VK_DYNAMIC_STATE_SCISSOR};
+    auto dynamic = structure<VkPipelineDynamicStateCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_DYNAMIC_STATE_CREATE_INFO);
+    dynamic.dynamicStateCount = static_cast<std::uint32_t>(later.size());
+    dynamic.pDynamicStates = later.data();
+    auto rendering = structure<VkPipelineRenderingCreateInfo>(VK_STRUCTURE_TYPE_PIPELINE_RENDERING_CREATE_INFO);
+
+    auto pipeline = structure<VkGraphicsPipelineCreateInfo>(VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_CREATE_INFO);
+    pipeline.pNext = &rendering;
+    pipeline.stageCount = static_cast<std::uint32_t>(stages.size());
+    pipeline.pStages = stages.data();
+    pipeline.pVertexInputState = &input;
+    pipeline.pInputAssemblyState = &assembly;
+    pipeline.pViewportState = &viewport;
+    pipeline.pRasterizationState = &raster;
+    pipeline.pMultisampleState = &samples;
+    pipeline.pDepthStencilState = &depth;
+    pipeline.pColorBlendState = &blend;
+    pipeline.pDynamicState = &dynamic;
+    pipeline.layout = s.layout;
+    check(vkCreateGraphicsPipelines(logical, VK_NULL_HANDLE, 1, &pipeline, nullptr, &s.pipeline),
+          "vkCreateGraphicsPipelines");
 }
 
 }  // namespace pellucid::vulkan

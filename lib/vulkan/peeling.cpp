@@ -1,0 +1,524 @@
+#include "vulkan/peeling.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cmath>
+#include <cstring>
+#include <limits>
+#include <mutex>
+#include <numeric>
+
+#include "core/error.hpp"
+#include "core/parallel.hpp"
+#include "cpu/rasterizer.hpp"
+#include "stage/virtual_slab.hpp"
+
+namespace pellucid::vulkan {
+namespace {
+
+constexpr std::uint32_t kVertexWords[] = {
+#include "shaders/peel.vert.inc"
+};
+constexpr std::uint32_t kFragmentWords[] = {
+#include "shaders/peel.frag.inc"
+};
+constexpr std::uint32_t kShadeWords[] = {
+#include "shaders/peel_shade.comp.inc"
+};
+
+static_assert(sizeof(Vec3) == sizeof(twin::Vec3d) && sizeof(DepthPlane) == sizeof(twin::PeelPlane));
+static_assert(sizeof(SurfaceFragment) == sizeof(twin::PaintedFragment) && sizeof(twin::PaintedFragment) == 32);
+static_assert(sizeof(twin::PeelPixel) == 24 && sizeof(twin::PeelColor) == 40 && sizeof(twin::PeelPart) == 32);
+static_assert(sizeof(twin::PeelLight) == 20 && sizeof(twin::PeelObject) == 272 && sizeof(twin::PeelFlags) == 20);
+
+static_assert(sizeof(twin::PeelDrawPush) == 120 && sizeof(twin::PeelShadePush) == 128);
+
+enum class Output : std::uint32_t { targets, mixed, blended };
+
+/// Triangles that are set up at a time, as on the CPU.
+constexpr std::size_t kPiece = 8192;
+/// Largest viewport: with 8 bits below the pixel its places are whole numbers of 22 bits, exact as floats.
+constexpr std::uint32_t kMostSide = 1U << 14U;
+constexpr std::uint32_t kGridBits = 8;
+static_assert(1 << kGridBits == kSubpixels);
+/// A row of a small image: workgroups cost more than pixels in software.
+constexpr std::uint32_t kPixelsEachInSoftware = 32;
+/// Slots where more fragments than M are at one depth: their loops stay below the limit of Vulkan in software (particles.cpp).
+constexpr int kMostSlots = 128;
+
+template <class T>
+[[nodiscard]] std::span<const std::byte> bytes_of(const std::vector<T>& values) {
+    return std::as_bytes(std::span(values));
+}
+[[nodiscard]] twin::Vec3d wide(const Vec3& v) { return {v.x, v.y, v.z}; }
+[[nodiscard]] float narrow(double v) { return static_cast<float>(v); }
+
+/// All parts of the triangles of a scene, by number, and the planes of their triangles.
+struct Parts {
+    std::vector<twin::PeelPart> parts;
+    std::vector<DepthPlane> planes;
+    std::vector<std::uint32_t> first;  // of an object, and the number of all
+};
+
+[[nodiscard]] Parts set_up(const Camera& camera, const SceneMeshes& meshes, const std::vector<bool>& shows) {
+    const TriangleSetup setup(camera);
+    struct Piece {
+        std::size_t object, begin, end;
+        std::vector<twin::PeelPart> parts = {};
+        std::vector<DepthPlane> planes = {};
+    };
+    std::vector<Piece> pieces;
+    for (std::size_t o = 0; o < meshes.objects().size(); ++o) {
+        const std::size_t count = shows[o] ? meshes.objects()[o].mesh->triangles.size() : 0;
+        for (std::size_t begin = 0; begin < count; begin += kPiece) pieces.push_back({o, begin, std::min(begin + kPiece, count)});
+    }
+    parallel_for(pieces.size(), 1, [&](std::size_t first, std::size_t last) {
+        std::vector<RasterTriangle> found;
+        for (std::size_t p = first; p < last; ++p) {
+            Piece& piece = pieces[p];
+            const ObjectMesh& object = meshes.objects()[piece.object];
+            for (std::size_t i = piece.begin; i < piece.end; ++i) {
+                const auto& [a, b, c] = object.mesh->triangles[i];
+                const std::array<Vec3, 3> view{object.view[a], object.view[b], object.view[c]};
+                found.clear();
+                setup.add(view, {setup.snap(view[0]), setup.snap(view[1]), setup.snap(view[2])},
+                          meshes.first_triangle(piece.object) + static_cast<std::uint32_t>(i), found);
+                if (found.empty()) continue;
+                const DepthPlane plane = depth_plane(camera, view[0], view[1], view[2]);
+                for (const RasterTriangle& t : found) {
+                    piece.parts.push_back({t.x[0], t.x[1], t.x[2], t.y[0], t.y[1], t.y[2], t.number,
+                                           static_cast<std::uint32_t>(piece.object)});
+                    piece.planes.push_back(plane);
+                }
+            }
+        }
+    });
+
+    Parts all;
+    std::size_t count = 0;
+    for (const Piece& piece : pieces) count += piece.parts.size();
+    if (count > std::numeric_limits<std::uint32_t>::max() / 3)
+        throw run_error("{} triangles in the image, at most {} on Vulkan", count, std::numeric_limits<std::uint32_t>::max() / 3);
+    all.parts.reserve(count);
+    all.planes.reserve(count);
+    all.first.assign(meshes.objects().size() + 1, 0);
+    for (Piece& piece : pieces) {
+        all.first[piece.object + 1] += static_cast<std::uint32_t>(piece.parts.size());
+        all.parts.insert(all.parts.end(), piece.parts.begin(), piece.parts.end());
+        all.planes.insert(all.planes.end(), piece.planes.begin(), piece.planes.end());
+        piece = {};
+    }
+    std::partial_sum(all.first.begin(), all.first.end(), all.first.begin());
+    return all;
+}
+
+/// Pixels that an object's parts may cover.
+[[nodiscard]] PixelRect rectangle_of(const Parts& parts, std::size_t object, const PixelRect& image) {
+    PixelRect r{image.x1, image.y1, image.x0, image.y0};
+    for (std::uint32_t i = parts.first[object]; i < parts.first[object + 1]; ++i) {
+        const twin::PeelPart& p = parts.parts[i];
+        const PixelRect own = centers_within({{p.x0, p.x1, p.x2}, {p.y0, p.y1, p.y2}, 0}, image);
+        r = {std::min(r.x0, own.x0), std::min(r.y0, own.y0), std::max(r.x1, own.x1), std::max(r.y1, own.y1)};
+    }
+    return r.x0 < r.x1 && r.y0 < r.y1 ? r : PixelRect{};
+}
+
+}  // namespace
+
+class Peeler::State {
+public:
+    State(const Device& device, const PreparedScene& scene, const SceneMeshes& meshes, const PeelerSettings& settings)
+        : device_(device),
+          scene_(scene),
+          meshes_(meshes),
+          settings_(settings),
+          slots_(settings.targets),
+          group_size_(group_size(device)),
+          pixels_each_(device.info().is_gpu ? 1 : kPixelsEachInSoftware),
+          commands_(device) {
+        const Camera& camera = scene.camera;
+        const auto larger = static_cast<std::uint32_t>(std::max(camera.width(), camera.height()));
+        side_ = std::bit_floor(std::min(device.info().largest_viewport, kMostSide));
+        if (larger > side_)
+            throw run_error("an image of {} x {} pixels: \"{}\" draws triangles in at most {} x {}", camera.width(),
+                            camera.height(), device.info().name, side_, side_);
+        pixels_ = static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
+
+        std::vector<bool> shows;
+        for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(scene.objects[mesh.object].surface.opacity > 0);
+        Parts parts = set_up(camera, meshes, shows);
+        first_part_ = parts.first;
+        upload_objects(parts);
+        parts_ = filled(bytes_of(parts.parts));
+        planes_ = filled(bytes_of(parts.planes));
+        upload_lights();
+        fill_setup();
+    }
+
+    PeelStats run(std::span<const std::uint32_t> objects, const PeelSettings& settings, Output output,
+                  const std::function<void(const PeeledTargets&)>& intermix) {
+        make_room(output);
+        Buffer order = filled(std::as_bytes(settings.order));
+        draw_.order = order.address();
+        setup_.most_clear = 1 - settings.opaque_at;
+        setup_.most_layers = settings.layers > 0 ? static_cast<std::uint32_t>(settings.layers) : ~0U;
+        const std::vector<VertexRange> ranges = ranges_of(objects);
+        start(output);
+
+        PeelStats stats;
+        while (!ranges.empty()) {
+            const twin::PeelFlags flags = pass(ranges);
+            ++stats.passes;
+            stats.fragments += flags.found;
+            stats.pixels += flags.pixels;
+            stats.layers = std::max<std::uint64_t>(stats.layers, flags.layers);
+            if (flags.found > 0 && intermix) intermix({slabs_, numbers_, counts_, slots_});
+            if (flags.stuck != 0) more_slots(output);
+            if (flags.more == 0) break;
+        }
+        stats.bytes = device_.bytes_held();
+        return stats;
+    }
+
+    std::span<const twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
+                                             PeelMix mix, PeelStats& stats) {
+        stats = run(objects, settings, mix == PeelMix::by_depth ? Output::mixed : Output::blended, {});
+        if (colors_read_.bytes() == 0) colors_read_ = Buffer(device_, colors_.bytes(), BufferKind::readback);
+        commands_.begin_stage("read-back");
+        commands_.copy(colors_, 0, colors_read_, 0, colors_.bytes());
+        commands_.end_stage();
+        note(commands_.submit_and_wait());
+        const std::span colors(reinterpret_cast<const twin::PeelColor*>(colors_read_.mapped().data()), pixels_);
+        stats.bytes = device_.bytes_held();
+        stats.fragments = 0;
+        for (const twin::PeelColor& color : colors) {
+            stats.fragments += color.count;
+            stats.pixels += color.count > 0 ? 1 : 0;
+            stats.layers = std::max<std::uint64_t>(stats.layers, color.count);
+        }
+        return colors;
+    }
+
+    [[nodiscard]] const std::vector<pellucid::StageTime>& times() const { return times_; }
+
+private:
+    /// As many as run in step in software; a GPU is kept busy by any.
+    [[nodiscard]] static std::uint32_t group_size(const Device& device) {
+        return device.info().is_gpu ? 64 : std::max(1U, device.info().subgroup_size);
+    }
+
+    [[nodiscard]] Buffer filled(std::span<const std::byte> bytes) const {
+        Buffer buffer(device_, bytes.size());
+        upload(device_, buffer, bytes);
+        return buffer;
+    }
+
+    /// Meshes one after the other in one buffer each for positions, normals and indices: a device has few allocations.
+    void upload_objects(Parts& parts) {
+        std::uint64_t positions = 0, normals = 0, indices = 0;
+        for (const ObjectMesh& object : meshes_.objects()) {
+            positions += object.mesh->positions.size();
+            normals += object.mesh->normals.size();
+            indices += object.mesh->triangles.size();
+        }
+        positions_ = Buffer(device_, positions * sizeof(Vec3));
+        normals_ = Buffer(device_, normals * sizeof(Vec3));
+        indices_ = Buffer(device_, indices * 3 * sizeof(std::uint32_t));
+        std::vector<double> clip;
+        std::vector<SurfaceFragment> painted;
+        std::vector<twin::PeelObject> objects;
+        std::vector<std::size_t> first_painted, first_clip;
+        std::uint64_t at_position = 0, at_normal = 0, at_index = 0;
+        for (std::size_t o = 0; o < meshes_.objects().size(); ++o) {
+            const ObjectMesh& mesh = meshes_.objects()[o];
+            upload(device_, positions_, bytes_of(mesh.mesh->positions), at_position);
+            upload(device_, normals_, bytes_of(mesh.mesh->normals), at_normal);
+            upload(device_, indices_, bytes_of(mesh.mesh->triangles), at_index);
+            twin::PeelObject& object = objects.emplace_back(describe(o));
+            object.positions = positions_.address() + at_position;
+            object.normals = normals_.address() + at_normal;
+            object.triangles = indices_.address() + at_index;
+            at_position += bytes_of(mesh.mesh->positions).size();
+            at_normal += bytes_of(mesh.mesh->normals).size();
+            at_index += bytes_of(mesh.mesh->triangles).size();
+
+            first_clip.push_back(clip.size());
+            for (const ClipPlane& plane : scene_.objects[mesh.object].surface.clip)
+                clip.insert(clip.end(), {plane.normal.x, plane.normal.y, plane.normal.z, plane.offset});
+            first_painted.push_back(painted.size());
+            if ((object.flags & twin::kPeelPainted) != 0) paint(o, parts, object, painted);
+            if ((object.flags & (twin::kPeelPainted | twin::kPeelBounds)) != 0 || object.clip_count > 0)
+                for (std::uint32_t i = parts.first[o]; i < parts.first[o + 1]; ++i) parts.parts[i].object |= twin::kPeelAsks;
+        }
+        clip_ = filled(bytes_of(clip));
+        painted_ = filled(bytes_of(painted));
+        for (std::size_t o = 0; o < objects.size(); ++o) {
+            objects[o].clip = clip_.address() + first_clip[o] * sizeof(double);
+            objects[o].painted = painted_.address() + first_painted[o] * sizeof(SurfaceFragment);
+        }
+        objects_ = filled(bytes_of(objects));
+    }
+
+    [[nodiscard]] twin::PeelObject describe(std::size_t o) const {
+        const ObjectMesh& mesh = meshes_.objects()[o];
+        const Object& object = scene_.objects[mesh.object];
+        const Surface& surface = object.surface;
+        twin::PeelObject d{};
+        d.color = wide(surface.color);
+        d.opacity = surface.opacity;
+        d.optical_depth = -std::log1p(-surface.opacity);
+        d.thickness = fixed_thickness(scene_, object).value_or(-1);
+        d.ambient = narrow(surface.shading.ambient);
+        d.diffuse = narrow(surface.shading.diffuse);
+        d.specular = narrow(surface.shading.specular);
+        d.shininess = narrow(surface.shading.shininess);
+        d.first_triangle = meshes_.first_triangle(o);
+        d.clip_count = static_cast<std::uint32_t>(surface.clip.size());
+        if (surface.opacity_law == OpacityLaw::oblique) d.flags |= twin::kPeelOblique;
+        if (surface.shading.flat) d.flags |= twin::kPeelFlat;
+        if (!mesh.mesh->normals.empty()) d.flags |= twin::kPeelSmooth;
+        if (mesh.of_field) d.flags |= twin::kPeelOfField;
+        if (object.geometry->has_color() || object.geometry->painted()) d.flags |= twin::kPeelPainted;
+        if (surface.bounds && !object.bounds_are_geometry()) {
+            d.flags |= twin::kPeelBounds;
+            d.lo = wide(surface.bounds->lo);
+            d.hi = wide(surface.bounds->hi);
+            d.to_object_x = wide(object.to_object.linear[0]);
+            d.to_object_y = wide(object.to_object.linear[1]);
+            d.to_object_z = wide(object.to_object.linear[2]);
+            d.to_object_offset = wide(object.to_object.offset);
+        }
+        return d;
+    }
+
+    /// Fragments of an object whose colour the device cannot tell.
+    void paint(std::size_t o, const Parts& parts, twin::PeelObject& object, std::vector<SurfaceFragment>& painted) const {
+        const PixelRect r = rectangle_of(parts, o, {0, 0, scene_.camera.width(), scene_.camera.height()});
+        object.painted_x = r.x0;
+        object.painted_y = r.y0;
+        object.painted_width = r.x1 - r.x0;
+        const std::size_t first = painted.size();
+        painted.resize(first + static_cast<std::size_t>(r.x1 - r.x0) * static_cast<std::size_t>(r.y1 - r.y0),
+                       {{}, 0, PeelTarget::kNoFragment});
+        const auto number = static_cast<std::uint32_t>(o);
+        pellucid::peel(scene_, meshes_, {&number, 1}, {.thickness = settings_.thickness},
+                       [&](int x, int y, std::span<const SurfaceFragment> fragments) {
+                           const auto row = static_cast<std::size_t>(y - r.y0);
+                           painted[first + row * static_cast<std::size_t>(r.x1 - r.x0) + static_cast<std::size_t>(x - r.x0)] =
+                               fragments.front();
+                       });
+    }
+
+    void upload_lights() {
+        std::vector<twin::PeelLight> lights;
+        for (const Light& light : scene_.settings.lights)
+            lights.push_back({{narrow(light.direction.x), narrow(light.direction.y), narrow(light.direction.z)},
+                              narrow(light.intensity),
+                              light.headlight ? 1U : 0U});
+        lights_ = filled(bytes_of(lights));
+        setup_.light_count = static_cast<std::uint32_t>(lights.size());
+    }
+
+    void fill_setup() {
+        const Camera& camera = scene_.camera;
+        twin::PeelRays& rays = shade_.rays;
+        rays.eye = wide(camera.eye());
+        rays.axis_x = wide(camera.world_vector({1, 0, 0}));
+        rays.axis_y = wide(camera.world_vector({0, 1, 0}));
+        rays.axis_z = wide(camera.forward());
+        rays.center_x = camera.center().x;
+        rays.center_y = camera.center().y;
+        rays.pixel_size = camera.pixel_size();
+        rays_ = filled(std::as_bytes(std::span(&rays, 1)));
+        setup_.parts = parts_.address();
+        setup_.planes = planes_.address();
+        setup_.objects = objects_.address();
+        setup_.lights = lights_.address();
+        setup_.width = camera.width();
+        setup_.height = camera.height();
+        setup_.perspective = camera.perspective() ? 1 : 0;
+        setup_.with_thickness = settings_.thickness ? 1 : 0;
+
+        draw_.rays = rays_.address();
+        draw_.parts = parts_.address();
+        draw_.planes = planes_.address();
+        draw_.objects = objects_.address();
+        draw_.center_x = rays.center_x;
+        draw_.center_y = rays.center_y;
+        draw_.near_depth = camera.near();
+        draw_.far_depth = camera.far();
+        draw_.width = camera.width();
+        draw_.height = camera.height();
+        draw_.perspective = setup_.perspective;
+        draw_.viewport_side = static_cast<int>(side_);
+        // As much room on either side of the image.
+        draw_.viewport_x = -(static_cast<int>(side_) - camera.width()) / 2;
+        draw_.viewport_y = -(static_cast<int>(side_) - camera.height()) / 2;
+        draw_.judge_all = settings_.judge_all || device_.info().subpixel_bits != kGridBits ? 1 : 0;
+        draw_.shift = settings_.shift;
+    }
+
+    /// Buffers and kernels for one kind of output, kept from one run to the next.
+    void make_room(Output output) {
+        const auto exactly = [&](Buffer& buffer, std::uint64_t bytes) {
+            if (buffer.bytes() == bytes) return;
+            buffer = Buffer();  // the old one first: both may not fit
+            buffer = Buffer(device_, bytes);
+        };
+        const auto slots = static_cast<std::uint64_t>(slots_);
+        exactly(states_, pixels_ * sizeof(twin::PeelPixel));
+        exactly(places_, pixels_ * slots * sizeof(std::uint64_t));
+        exactly(flags_, sizeof(twin::PeelFlags));
+        exactly(setup_buffer_, sizeof(setup_));
+        if (flags_read_.bytes() == 0) flags_read_ = Buffer(device_, sizeof(twin::PeelFlags), BufferKind::readback);
+        if (output == Output::targets) {
+            exactly(slabs_, pixels_ * slots * sizeof(twin::Slab));
+            exactly(numbers_, pixels_ * slots * sizeof(std::uint32_t));
+            exactly(counts_, pixels_ * sizeof(std::uint32_t));
+        } else {
+            exactly(colors_, pixels_ * sizeof(twin::PeelColor));
+        }
+        setup_.pixels = draw_.pixels = states_.address();
+        setup_.slots = draw_.slots = places_.address();
+        shade_.setup = setup_buffer_.address();
+        setup_.slabs = slabs_.address();
+        setup_.numbers = numbers_.address();
+        setup_.counts = counts_.address();
+        setup_.colors = colors_.address();
+        setup_.flags = flags_.address();
+
+        if (kernels_ && kernels_->slots == slots_ && kernels_->output == output) return;
+        const auto narrow_slots = static_cast<std::uint32_t>(slots_);
+        kernels_.emplace(Kernels{
+            slots_, output,
+            RasterKernel(device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = std::array{narrow_slots}}),
+            Kernel(device_, kShadeWords,
+                   {.push_bytes = sizeof(shade_),
+                    .constants = std::array{group_size_, narrow_slots, static_cast<std::uint32_t>(output), pixels_each_}})});
+    }
+
+    /// More fragments are at one depth of a pixel than there are slots.
+    void more_slots(Output output) {
+        if (slots_ >= kMostSlots)
+            throw run_error("more than {} surfaces are at one depth of a pixel: too many on Vulkan", kMostSlots);
+        slots_ = std::min(2 * slots_, kMostSlots);
+        make_room(output);
+        upload_setup();
+        commands_.fill(places_, 0, places_.bytes(), ~0U);
+    }
+
+    [[nodiscard]] std::vector<VertexRange> ranges_of(std::span<const std::uint32_t> objects) const {
+        std::vector<VertexRange> ranges;
+        for (const std::uint32_t o : objects) {
+            const std::uint32_t first = 3 * first_part_[o];
+            const std::uint32_t count = 3 * first_part_[o + 1] - first;
+            if (count == 0) continue;
+            if (!ranges.empty() && ranges.back().first + ranges.back().count == first) {
+                ranges.back().count += count;
+            } else {
+                ranges.push_back({first, count});
+            }
+        }
+        return ranges;
+    }
+
+    void upload_setup() { upload(device_, setup_buffer_, std::as_bytes(std::span(&setup_, 1))); }
+
+    /// All pixels as if nothing were drawn.
+    void start(Output output) {
+        upload_setup();
+        commands_.fill(states_, 0, states_.bytes(), 0);
+        if (output != Output::targets) commands_.fill(colors_, 0, colors_.bytes(), 0);
+        commands_.fill(places_, 0, places_.bytes(), ~0U);
+        commands_.barrier();
+    }
+
+    [[nodiscard]] twin::PeelFlags pass(std::span<const VertexRange> ranges) {
+        const auto width = static_cast<std::uint32_t>(scene_.camera.width());
+        const auto height = static_cast<std::uint32_t>(scene_.camera.height());
+        commands_.fill(flags_, 0, flags_.bytes(), 0);
+        commands_.barrier();
+        commands_.begin_stage("peel");
+        commands_.draw(kernels_->raster, std::as_bytes(std::span(&draw_, 1)),
+                       {draw_.viewport_x, draw_.viewport_y, side_, width, height}, ranges);
+        commands_.end_stage();
+        commands_.barrier();
+        commands_.begin_stage("shade");
+        commands_.dispatch(kernels_->shade, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
+        commands_.end_stage();
+        commands_.barrier();
+        commands_.copy(flags_, 0, flags_read_, 0, flags_.bytes());
+        note(commands_.submit_and_wait());
+        twin::PeelFlags flags;
+        std::memcpy(&flags, flags_read_.mapped().data(), sizeof(flags));
+        return flags;
+    }
+
+    void note(const std::vector<vulkan::StageTime>& times) {
+        for (const vulkan::StageTime& t : times) {
+            const auto known = std::find_if(times_.begin(), times_.end(), [&](const auto& each) { return each.name == t.name; });
+            if (known == times_.end()) {
+                times_.push_back({t.name, t.seconds});
+            } else {
+                known->device_s += t.seconds;
+            }
+        }
+    }
+
+    struct Kernels {
+        int slots;
+        Output output;
+        RasterKernel raster;
+        Kernel shade;
+    };
+
+    const Device& device_;
+    const PreparedScene& scene_;
+    const SceneMeshes& meshes_;
+    PeelerSettings settings_;
+    int slots_;
+    std::uint32_t group_size_, pixels_each_;
+    std::uint32_t side_ = 0;  // of the viewport
+    std::size_t pixels_ = 0;
+    std::vector<std::uint32_t> first_part_;  // of an object
+    twin::PeelSetup setup_{};
+    twin::PeelDrawPush draw_{};
+    twin::PeelShadePush shade_{};
+    Commands commands_;
+    std::optional<Kernels> kernels_;
+    Buffer setup_buffer_, parts_, planes_, positions_, normals_, indices_, clip_, painted_, objects_, lights_, rays_;
+    Buffer states_, places_, slabs_, numbers_, counts_, colors_, colors_read_, flags_, flags_read_;
+    std::vector<pellucid::StageTime> times_;
+};
+
+Peeler::Peeler(const Device& device, const PreparedScene& scene, const SceneMeshes& meshes, const PeelerSettings& settings)
+    : state_(std::make_unique<State>(device, scene, meshes, settings)) {}
+Peeler::Peeler(Peeler&&) noexcept = default;
+Peeler::~Peeler() = default;
+
+PeelStats Peeler::peel(std::span<const std::uint32_t> objects, const PeelSettings& settings,
+                       const std::function<void(const PeeledTargets&)>& intermix) {
+    return state_->run(objects, settings, Output::targets, intermix);
+}
+
+std::span<const twin::PeelColor> Peeler::compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
+                                                 PeelMix mix, PeelStats& stats) {
+    return state_->compose(objects, settings, mix, stats);
+}
+
+const std::vector<pellucid::StageTime>& Peeler::device_times() const { return state_->times(); }
+
+std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles, double vertices, int targets) {
+    const double pixels = static_cast<double>(scene.camera.width()) * scene.camera.height();
+    double painted = 0;
+    for (const Object& object : scene.objects)
+        if (object.geometry->has_color() || object.geometry->painted()) painted += pixels * sizeof(SurfaceFragment);
+    // Parts with planes, indices; positions and normals; states, slots, colours and those that are read back.
+    const double bytes = triangles * (sizeof(twin::PeelPart) + sizeof(DepthPlane) + 3 * sizeof(std::uint32_t)) +
+                         vertices * 2 * sizeof(Vec3) + painted +
+                         pixels * (sizeof(twin::PeelPixel) + 8.0 * targets + 2 * sizeof(twin::PeelColor));
+    return static_cast<std::int64_t>(bytes);
+}
+
+}  // namespace pellucid::vulkan
