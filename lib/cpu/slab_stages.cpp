@@ -43,11 +43,6 @@ SlabFrame::SlabFrame(const ZThicknessSize& size, const SlabSettings& settings)
 }
 SlabFrame::~SlabFrame() = default;
 
-std::size_t SlabFrame::planned_bytes(const ZThicknessSize& size) {
-    return ZThicknessBuffer::planned_bytes(size) +
-           sizeof(float) * static_cast<std::size_t>(size.width) * static_cast<std::size_t>(size.height);
-}
-
 SlabFrame::Scratch& SlabFrame::scratch() { return threads_->scratch.local(); }
 
 void SlabFrame::intermix(std::size_t pixel, std::span<const Slab> array, float nearest) {
@@ -104,7 +99,6 @@ void peel_into(SlabFrame& frame, const PreparedScene& scene, const SceneMeshes& 
                                             slabs.front().z);
              });
     stats.fragments += peeled.fragments;
-    stats.pixels += peeled.pixels;
     stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(peeled.bytes));
 }
 
@@ -115,7 +109,7 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const Object& objec
     const IsosurfaceCaster caster(scene, object, settings);
     const double thickness = fixed_thickness(scene, object).value_or(caster.pitch());
     const auto width = static_cast<std::size_t>(scene.camera.width());
-    std::atomic<std::uint64_t> pixels{0}, slabs{0};
+    std::atomic<std::uint64_t> slabs{0};
     parallel_for(static_cast<std::size_t>(scene.camera.height()), 1, [&](std::size_t begin, std::size_t end) {
         SlabList found;
         for (std::size_t y = begin; y < end; ++y)
@@ -125,11 +119,9 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const Object& objec
                 caster.cast(scene.camera.ray(static_cast<double>(x) + 0.5, static_cast<double>(y) + 0.5), thickness, found);
                 if (found.slabs.empty()) continue;
                 frame.intermix_compressed(y * width + x, found.slabs, found.slabs.front().z);
-                pixels.fetch_add(1, std::memory_order_relaxed);
                 slabs.fetch_add(found.slabs.size(), std::memory_order_relaxed);
             }
     });
-    stats.pixels += pixels;
     stats.slabs += slabs;
     stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(caster.bytes()));
 }
@@ -139,7 +131,7 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const VolumeObject&
     const FastVolumeCaster caster(scene, volume, settings);
     const int width = scene.camera.width();
     const int height = scene.camera.height();
-    std::atomic<std::uint64_t> pixels{0}, slabs{0};
+    std::atomic<std::uint64_t> slabs{0};
     parallel_for(static_cast<std::size_t>((height + kPacketSide - 1) / kPacketSide), 1, [&](std::size_t begin, std::size_t end) {
         FastVolumeCaster::PacketSlabs all;
         FastVolumeCaster::CollectedPacket collected;
@@ -157,12 +149,10 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const VolumeObject&
                     const auto y = static_cast<std::size_t>(y0) + i / kPacketSide;
                     const float nearest = on_the_fly ? twin::slab_front(array.front()) : collected[i].nearest;
                     frame.intermix(y * static_cast<std::size_t>(width) + x, array, nearest);
-                    pixels.fetch_add(1, std::memory_order_relaxed);
                     slabs.fetch_add(on_the_fly ? array.size() : collected[i].seen, std::memory_order_relaxed);
                 }
             }
     });
-    stats.pixels += pixels;
     stats.slabs += slabs;
     stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(caster.bytes()));
 }
@@ -219,6 +209,58 @@ Image order_free_image(std::span<const SlabFrame* const> frames, const SlabSetti
         for (const SlabFrame* frame : frames) nearest = std::min(nearest, frame->nearest()[pixel]);
         return nearest;
     });
+}
+
+// ---- The pipeline -------------------------------------------------------------------------------------------
+
+namespace {
+
+class CpuPipeline final : public SlabPipeline {
+public:
+    CpuPipeline(const PreparedScene& scene, const ZThicknessSize& size, const SlabSettings& settings)
+        : scene_(scene), size_(size), settings_(settings) {}
+
+    void add_polygons(const SceneMeshes& meshes, std::uint32_t object, int surfaces, SlabStageStats& stats) override {
+        peel_into(frame(), scene_, meshes, object, surfaces, stats);
+    }
+    void add_isosurface(const Object& object, const CastSettings& settings, SlabStageStats& stats) override {
+        cast_into(frame(), scene_, object, settings, stats);
+    }
+    void add_volume(const VolumeObject& volume, const CastSettings& settings, bool on_the_fly, SlabStageStats& stats) override {
+        cast_into(frame(), scene_, volume, settings, settings_.opaque_at, on_the_fly, stats);
+    }
+    [[nodiscard]] Image image() override {
+        if (frames_.empty()) (void)frame();
+        if (settings_.intermix != SlabIntermix::order_free) return frame_image(*frames_.front());
+        std::vector<const SlabFrame*> all;
+        for (const auto& each : frames_) all.push_back(each.get());
+        return order_free_image(all, settings_);
+    }
+    [[nodiscard]] std::size_t bytes() const override {
+        std::size_t sum = 0;
+        for (const auto& each : frames_) sum += each->bytes();
+        return sum;
+    }
+    [[nodiscard]] std::size_t buffers() const override { return frames_.size(); }
+
+private:
+    [[nodiscard]] SlabFrame& frame() {
+        if (frames_.empty() || settings_.intermix == SlabIntermix::order_free)
+            frames_.push_back(std::make_unique<SlabFrame>(size_, settings_));
+        return *frames_.back();
+    }
+
+    const PreparedScene& scene_;
+    ZThicknessSize size_;
+    SlabSettings settings_;
+    std::vector<std::unique_ptr<SlabFrame>> frames_;
+};
+
+}  // namespace
+
+std::unique_ptr<SlabPipeline> make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
+                                                 const SlabSettings& settings) {
+    return std::make_unique<CpuPipeline>(scene, size, settings);
 }
 
 }  // namespace pellucid

@@ -15,8 +15,7 @@
 #include "cpu/depth_peeling.hpp"
 #include "cpu/volume_caster.hpp"
 #include "stage/scene_meshes.hpp"
-#include "stage/slab_settings.hpp"
-#include "stage/z_thickness_buffer.hpp"
+#include "stage/slab_pipeline.hpp"
 
 namespace pellucid {
 
@@ -31,7 +30,6 @@ public:
     /// Depth along the view axis of the nearest thing drawn, +inf where none.
     [[nodiscard]] std::span<const float> nearest() const { return nearest_; }
     [[nodiscard]] std::size_t bytes() const { return buffer_.bytes() + nearest_.size() * sizeof(float); }
-    [[nodiscard]] static std::size_t planned_bytes(const ZThicknessSize& size);
 
     /// Merges a sorted array of any length with the pixel's, and compresses what comes out. Safe beside other pixels.
     ///   nearest  depth of what the array shows first
@@ -52,12 +50,9 @@ private:
     std::unique_ptr<PerThread> threads_;
 };
 
-struct SlabStageStats {
-    std::uint64_t fragments = 0;  // of polygons
-    std::uint64_t slabs = 0;      // of rays through volumes and isosurfaces, before any compression
-    std::uint64_t pixels = 0;     // that any stage wrote, counted once a stage
-    std::int64_t bytes = 0;       // that the stage held, meshes and frames aside
-};
+/// The pipeline on the CPU; the scene must outlive it.
+[[nodiscard]] std::unique_ptr<SlabPipeline> make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
+                                                               const SlabSettings& settings);
 
 /// Polygon stage: one object, peeled. `surfaces`: L, most surfaces a pixel, the nearest; 0: all.
 void peel_into(SlabFrame& frame, const PreparedScene& scene, const SceneMeshes& meshes, std::uint32_t object,

@@ -15,6 +15,7 @@
 #include "cpu/empty_space.hpp"
 #include "kernel/slab_twin.h"
 #include "scene/prepared_scene.hpp"
+#include "stage/slab_settings.hpp"
 
 namespace pellucid {
 
@@ -39,11 +40,6 @@ struct SlabList {
 
 /// Smallest distance of neighbouring samples, world: what "voxel" means.
 [[nodiscard]] double voxel_pitch(const Affine& index_to_world);
-
-struct CastSettings {
-    double step = 0;  // world length along the ray, > 0
-    bool skip = true;
-};
 
 /// A volume as rays see it; safe from several threads.
 class VolumeCaster {

@@ -6,13 +6,8 @@
 #ifndef PELLUCID_KERNEL_CAST_RAYS_TWIN_H
 #define PELLUCID_KERNEL_CAST_RAYS_TWIN_H
 #include "kernel/cast_twin.h"
+#include "kernel/vec3d_twin.h"
 TWIN_BEGIN
-
-struct Vec3d {
-    double x;
-    double y;
-    double z;
-};
 
 // As Camera, and a step's world length along a ray.
 struct CastCamera {

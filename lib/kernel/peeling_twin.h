@@ -4,13 +4,8 @@
 #define PELLUCID_KERNEL_PEELING_TWIN_H
 #include "kernel/shading_twin.h"
 #include "kernel/slab_twin.h"
+#include "kernel/vec3d_twin.h"
 TWIN_BEGIN
-
-struct Vec3d {
-    double x;
-    double y;
-    double z;
-};
 
 // A triangle, or what clipping left of it, on the grid of 1/256 pixel (cpu/rasterizer.hpp: RasterTriangle). Parts ascend
 // with the numbers of their triangles.

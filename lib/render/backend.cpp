@@ -6,10 +6,12 @@
 #include "cpu/depth_peeling.hpp"
 #include "cpu/fast_particles.hpp"
 #include "cpu/fast_volume_caster.hpp"
+#include "cpu/slab_stages.hpp"
 #include "cpu/surface_drawer.hpp"
 #include "vulkan/device.hpp"
 #include "vulkan/multi_volume_caster.hpp"
 #include "vulkan/particles.hpp"
+#include "vulkan/slab_pipeline.hpp"
 #include "vulkan/surface_drawer.hpp"
 
 namespace pellucid {
@@ -48,6 +50,12 @@ Image Backend::cast_volumes(const PreparedScene& scene, const MultiVolumeSetting
                             const std::function<void(double)>& progress, const FindSurfaces& surfaces) const {
     return on_device() ? vulkan::cast_volumes(*device_, scene, settings, stats, progress, surfaces)
                        : cast_volumes_fast(scene, settings, stats, progress, surfaces);
+}
+
+std::unique_ptr<SlabPipeline> Backend::make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
+                                                          const SlabSettings& settings) const {
+    return on_device() ? vulkan::make_slab_pipeline(*device_, scene, size, settings)
+                       : pellucid::make_slab_pipeline(scene, size, settings);
 }
 
 std::unique_ptr<SurfaceDrawer> Backend::make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const {

@@ -9,6 +9,7 @@
 
 #include "scene/prepared_scene.hpp"
 #include "stage/particle_drawer.hpp"
+#include "stage/slab_pipeline.hpp"
 #include "stage/surface_drawer.hpp"
 
 namespace pellucid {
@@ -51,6 +52,9 @@ public:
     [[nodiscard]] Image cast_volumes(const PreparedScene& scene, const MultiVolumeSettings& settings,
                                      MultiVolumeStats& stats, const std::function<void(double)>& progress,
                                      const std::function<SurfaceLayers(int y0, int y1)>& surfaces) const;
+    /// zSlabs. The scene must outlive it.
+    [[nodiscard]] std::unique_ptr<SlabPipeline> make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
+                                                                   const SlabSettings& settings) const;
     /// Scene and meshes must outlive it.
     [[nodiscard]] std::unique_ptr<SurfaceDrawer> make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const;
     /// Bytes that it will hold beside the meshes: on the device if there is one.

@@ -1,12 +1,14 @@
 // The method `slabs`: zSlabs, polygons and volumes intermixed per pixel (dissertation, figure 5.1).
 //   polygon stage -> intermix -> volume stage -> intermix -> image
 #include <algorithm>
-#include <numeric>
+#include <memory>
+#include <optional>
 
 #include "core/stopwatch.hpp"
-#include "cpu/slab_stages.hpp"
+#include "cpu/depth_peeling.hpp"
+#include "cpu/volume_caster.hpp"
 #include "render/methods.hpp"
-#include "stage/slab_merge.hpp"
+#include "stage/slab_pipeline.hpp"
 
 namespace pellucid {
 namespace {
@@ -76,26 +78,20 @@ struct Parts {
     const Settings settings = read_settings(input);
     const PreparedScene& scene = input.scene;
     const Parts parts = parts_of(scene);
-    const bool order_free = settings.slabs.intermix == SlabIntermix::order_free;
     const ZThicknessSize size = frame_size(scene, settings);
     Stopwatch watch;
-
-    // One frame for all objects, or one each.
-    std::vector<std::unique_ptr<SlabFrame>> frames;
-    const auto frame = [&]() -> SlabFrame& {
-        if (frames.empty() || order_free) frames.push_back(std::make_unique<SlabFrame>(size, settings.slabs));
-        return *frames.back();
-    };
+    const std::unique_ptr<SlabPipeline> pipeline = input.backend.make_slab_pipeline(scene, size, settings.slabs);
     std::size_t done = 0;
     const auto step_done = [&] { input.progress(static_cast<double>(++done) / static_cast<double>(parts.count() + 1)); };
 
+    std::optional<SceneMeshes> meshes;
     if (!parts.polygons.empty()) {
-        const SceneMeshes meshes(scene, settings.triangles, is_polygons);
-        stats.stages.push_back({"triangles", watch.lap(), static_cast<std::int64_t>(meshes.bytes()),
-                                fmt::format("{} triangles", meshes.triangle_count())});
+        meshes.emplace(scene, settings.triangles, is_polygons);
+        stats.stages.push_back({"triangles", watch.lap(), static_cast<std::int64_t>(meshes->bytes()),
+                                fmt::format("{} triangles", meshes->triangle_count())});
         SlabStageStats peeled;
-        for (const std::uint32_t object : parts.polygons) {
-            peel_into(frame(), scene, meshes, object, settings.surfaces, peeled);
+        for (std::uint32_t object = 0; object < meshes->objects().size(); ++object) {
+            pipeline->add_polygons(*meshes, object, settings.surfaces, peeled);
             step_done();
         }
         stats.stages.push_back({"polygons", watch.lap(), peeled.bytes, fmt::format("{} fragments", peeled.fragments)});
@@ -106,7 +102,7 @@ struct Parts {
         for (const std::uint32_t i : parts.isosurfaces) {
             const Object& object = scene.objects[i];
             const IsosurfaceCaster voxels(scene, object, {.step = 1, .skip = false});
-            cast_into(frame(), scene, object, {.step = settings.step * voxels.pitch(), .skip = settings.skip}, cast);
+            pipeline->add_isosurface(object, {.step = settings.step * voxels.pitch(), .skip = settings.skip}, cast);
             step_done();
         }
         stats.stages.push_back({"isosurfaces", watch.lap(), cast.bytes, fmt::format("{} crossings", cast.slabs)});
@@ -117,19 +113,15 @@ struct Parts {
         for (const std::size_t i : parts.volumes) {
             const VolumeObject& volume = scene.volumes[i];
             const bool on_the_fly = settings.slabs.intermix == SlabIntermix::hybrid && i == parts.volumes.back();
-            cast_into(frame(), scene, volume, {.step = settings.step * voxel_pitch(volume.to_world()), .skip = settings.skip},
-                      settings.slabs.opaque_at, on_the_fly, cast);
+            pipeline->add_volume(volume, {.step = settings.step * voxel_pitch(volume.to_world()), .skip = settings.skip}, on_the_fly, cast);
             step_done();
         }
         stats.stages.push_back({"volumes", watch.lap(), cast.bytes, fmt::format("{} slabs", cast.slabs)});
     }
-    if (frames.empty()) (void)frame();
-    std::int64_t bytes = 0;
-    for (const auto& each : frames) bytes += static_cast<std::int64_t>(each->bytes());
-    std::vector<const SlabFrame*> all;
-    for (const auto& each : frames) all.push_back(each.get());
-    Image image = order_free ? order_free_image(all, settings.slabs) : frame_image(*frames.front());
-    stats.stages.push_back({"intermix", watch.lap(), bytes, fmt::format("{} z-thickness buffers", frames.size())});
+    Image image = pipeline->image();
+    stats.stages.push_back({"intermix", watch.lap(), static_cast<std::int64_t>(pipeline->bytes()),
+                            fmt::format("{} z-thickness buffers", pipeline->buffers())});
+    for (const StageTime& time : pipeline->device_times()) stats.stages.push_back({time.name, 0, 0, "", time.device_s});
     step_done();
     return image;
 }
@@ -156,7 +148,7 @@ struct Parts {
     }
     const bool order_free = settings.slabs.intermix == SlabIntermix::order_free;
     const std::size_t frames = order_free ? std::max<std::size_t>(1, parts.count()) : 1;
-    stages.push_back({"intermix", 0, static_cast<std::int64_t>(frames * SlabFrame::planned_bytes(frame_size(scene, settings))),
+    stages.push_back({"intermix", 0, static_cast<std::int64_t>(frames * planned_slab_bytes(frame_size(scene, settings))),
                       fmt::format("{} z-thickness buffer{} of {} layers, {} bytes a slab", frames, frames == 1 ? "" : "s",
                                   settings.slabs.layers, bytes_of(settings.format))});
     stages.push_back({"image", 0, std::int64_t{4} * 5 * scene.camera.width() * scene.camera.height(), "5 planes"});
@@ -188,6 +180,7 @@ Method slabs_method() {
         [](const RenderInput& input) { (void)read_settings(input); },
         plan_slabs,
         draw_slabs,
+        true,
     };
 }
 

@@ -5,9 +5,10 @@
 #include <cassert>
 #include <cmath>
 #include <limits>
-#include <numbers>
 
+#include "core/gauss_legendre.hpp"
 #include "kernel/intermix_twin.h"
+#include "kernel/plain_cast_twin.h"
 
 namespace pellucid {
 namespace {
@@ -48,36 +49,6 @@ private:
 
 // ---- Order-free -------------------------------------------------------------------------------
 
-struct Node {
-    double at;
-    double weight;
-};
-
-/// Gauss-Legendre on [0, 1] with n nodes, exact to degree 2n − 1. Newton's method on P_n from the Chebyshev
-/// nodes, as in any textbook (Press et al., Numerical Recipes, section 4.5).
-[[nodiscard]] std::vector<Node> gauss_legendre(std::size_t n) {
-    std::vector<Node> nodes(n);
-    const auto order = static_cast<double>(n);
-    for (std::size_t i = 0; i < n; ++i) {
-        double x = std::cos(std::numbers::pi * (static_cast<double>(i) + 0.75) / (order + 0.5));
-        double slope = 1;
-        for (int step = 0; step < 8; ++step) {
-            double last = 1;
-            double value = x;
-            for (std::size_t k = 2; k <= n; ++k) {
-                const auto degree = static_cast<double>(k);
-                const double next = ((2 * degree - 1) * x * value - (degree - 1) * last) / degree;
-                last = value;
-                value = next;
-            }
-            slope = order * (x * value - last) / (x * x - 1);
-            x -= value / slope;
-        }
-        nodes[i] = {0.5 * (1 - x), 1 / ((1 - x * x) * slope * slope)};
-    }
-    return nodes;
-}
-
 /// Mixes any number of slabs of one interval, sums in the order given.
 class ManyMixer {
 public:
@@ -116,7 +87,7 @@ private:
     void weigh_all_orders(std::span<const Slab> parts) {
         const std::size_t n = (parts.size() + 1) / 2;
         if (nodes_.size() != n) nodes_ = gauss_legendre(n);
-        for (const Node& node : nodes_) {
+        for (const QuadratureNode& node : nodes_) {
             double product = node.weight;
             for (const Slab& part : parts) product *= 1 - node.at * static_cast<double>(part.a);
             for (std::size_t i = 0; i < parts.size(); ++i)
@@ -136,11 +107,11 @@ private:
         double sum = 0;
         for (const Slab& part : parts) {
             opaque += part.a >= 1.0F ? 1 : 0;
-            if (part.a < 1.0F) sum -= std::log1p(-static_cast<double>(part.a));
+            if (part.a < 1.0F) sum -= twin::log1p_d(-static_cast<double>(part.a));
         }
         for (std::size_t i = 0; i < parts.size(); ++i) {
             const auto alpha = static_cast<double>(parts[i].a);
-            const double ratio = alpha > 0 ? -std::log1p(-alpha) / alpha : 1;
+            const double ratio = alpha > 0 ? -twin::log1p_d(-alpha) / alpha : 1;
             if (opaque > 0) weights_[i] = alpha >= 1 ? 1 / opaque : 0;
             else weights_[i] = sum > 0 ? a * ratio / sum : 1;
         }
@@ -148,7 +119,7 @@ private:
 
     SlabMixing mixing_;
     std::vector<double> weights_;
-    std::vector<Node> nodes_;
+    std::vector<QuadratureNode> nodes_;
 };
 
 /// By depth, then by bits: one order for one set of slabs.
@@ -311,7 +282,7 @@ SlabArray merge_order_free(std::span<const std::span<const Slab>> arrays, const 
 
 OrderFreePlan order_free_plan(std::size_t slabs) {
     // Slabs in canonical order, begun ones, parts and the result; ends; weights and nodes of the mixer.
-    const std::size_t bytes = slabs * (5 * sizeof(Slab) + 2 * sizeof(float) + sizeof(double) + sizeof(Node));
+    const std::size_t bytes = slabs * (5 * sizeof(Slab) + 2 * sizeof(float) + sizeof(double) + sizeof(QuadratureNode));
     return {.most_slabs = 2 * slabs, .bytes = bytes};
 }
 

@@ -40,4 +40,10 @@ struct SlabSettings {
     float opaque_at = 0.999F;
 };
 
+/// How a volume or an isosurface is cast.
+struct CastSettings {
+    double step = 0;  // world length along the ray, > 0
+    bool skip = true;  // what surely shows nothing
+};
+
 }  // namespace pellucid

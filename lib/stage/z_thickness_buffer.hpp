@@ -63,6 +63,7 @@ public:
 
 private:
     [[nodiscard]] std::uint32_t* words_of(std::size_t pixel) const;
+    [[nodiscard]] twin::Slab slab_of(const std::uint32_t* words) const;
 
     ZThicknessSize size_;
     std::size_t slab_words_;

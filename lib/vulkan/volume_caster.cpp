@@ -20,6 +20,21 @@ constexpr std::uint32_t kPlainVolumeList[] = {
 constexpr std::uint32_t kIsosurfaceList[] = {
 #include "shaders/isosurface_list.comp.inc"
 };
+constexpr std::uint32_t kVolumeCollect[] = {
+#include "shaders/volume_collect.comp.inc"
+};
+constexpr std::uint32_t kPlainVolumeCollect[] = {
+#include "shaders/plain_volume_collect.comp.inc"
+};
+constexpr std::uint32_t kVolumeMerge[] = {
+#include "shaders/volume_merge.comp.inc"
+};
+constexpr std::uint32_t kPlainVolumeMerge[] = {
+#include "shaders/plain_volume_merge.comp.inc"
+};
+constexpr std::uint32_t kIsosurfaceGive[] = {
+#include "shaders/isosurface_give.comp.inc"
+};
 
 struct CastPush {
     std::uint64_t setup;
@@ -27,12 +42,22 @@ struct CastPush {
     std::uint32_t first, count;
 };
 
-/// The shader of a stage for each kind of sink.
+/// The shader of a stage for each kind of sink; none where the stage has no such sink.
 struct StageShaders {
-    std::span<const std::uint32_t> list;
-    [[nodiscard]] std::span<const std::uint32_t> of(SinkKind) const { return list; }
+    std::span<const std::uint32_t> list, collect, merge, give;
+    [[nodiscard]] std::span<const std::uint32_t> of(SinkKind sink) const {
+        switch (sink) {
+            case SinkKind::list: return list;
+            case SinkKind::collect: return collect;
+            case SinkKind::merge: return merge;
+            case SinkKind::give: break;
+        }
+        return give;
+    }
 };
-constexpr StageShaders kVolume{kVolumeList}, kPlainVolume{kPlainVolumeList}, kIsosurface{kIsosurfaceList};
+constexpr StageShaders kVolume{kVolumeList, kVolumeCollect, kVolumeMerge, {}};
+constexpr StageShaders kPlainVolume{kPlainVolumeList, kPlainVolumeCollect, kPlainVolumeMerge, {}};
+constexpr StageShaders kIsosurface{kIsosurfaceList, {}, {}, kIsosurfaceGive};
 
 /// Nothing that a ray of this many steps meets is lost to float32.
 constexpr double kMostSteps = 1 << 20;
@@ -45,16 +70,18 @@ constexpr double kMostSteps = 1 << 20;
 /// All packets of an image, as many at a time as their rays' room holds.
 template <class Casts, class Before>
 void record_bands(const Device& device, Commands& commands, const Casts& casts, const Kernel& kernel, std::uint32_t packets,
-                  std::uint64_t sink, const Before& before) {
+                  std::uint64_t sink, const Before& before, const BandHooks& hooks) {
     casts.begin(commands);
     for (std::uint32_t first = 0; first < packets; first += casts.band()) {
         const std::uint32_t count = std::min(casts.band(), packets - first);
         before(first, count);
+        hooks.before();
         commands.begin_stage("cast");
         commands.dispatch(kernel, CastPush{casts.address(), sink, first, count},
                           device.groups_for(std::uint64_t{count} * twin::kPacketRaysT, casts.group_size()));
         commands.end_stage();
         commands.barrier();
+        hooks.after(count * twin::kPacketRaysT);
     }
 }
 
@@ -99,7 +126,7 @@ std::uint32_t VolumeCaster::band_rays() const {
     return (parts_->fast ? parts_->fast->band() : parts_->plain ? parts_->plain->band() : 0) * twin::kPacketRaysT;
 }
 
-void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_clear) {
+void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_clear, const BandHooks& hooks) {
     Parts& p = *parts_;
     if (p.fast) {
         p.fast->setup.least_clear = least_clear;
@@ -109,10 +136,11 @@ void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_cl
                          p.fast->record_rays(commands, first, count, 0);
                          commands.end_stage();
                          commands.barrier();
-                     });
+                     },
+                     hooks);
     }
     if (p.plain)
-        record_bands(*p.device, commands, *p.plain, *p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {});
+        record_bands(*p.device, commands, *p.plain, *p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
 }
 
 void VolumeCaster::check() const {
@@ -145,9 +173,9 @@ IsosurfaceCaster::IsosurfaceCaster(IsosurfaceCaster&&) noexcept = default;
 std::uint64_t IsosurfaceCaster::bytes() const { return parts_->casts.bytes(); }
 std::uint32_t IsosurfaceCaster::band_rays() const { return parts_->casts.band() * twin::kPacketRaysT; }
 
-void IsosurfaceCaster::record(Commands& commands, std::uint64_t sink) {
+void IsosurfaceCaster::record(Commands& commands, std::uint64_t sink, const BandHooks& hooks) {
     Parts& p = *parts_;
-    record_bands(*p.device, commands, p.casts, p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {});
+    record_bands(*p.device, commands, p.casts, p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
 }
 
 void IsosurfaceCaster::check() const { parts_->casts.check(); }

@@ -7,6 +7,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <memory>
 #include <span>
 #include <vector>
@@ -17,7 +18,17 @@
 namespace pellucid::vulkan {
 
 /// What takes the slabs: the shader that is made with it, and the address of what that reads.
-enum class SinkKind { list };
+///   list     keeps all: slab_list.glsl, for tests
+///   collect  compresses them as they come and leaves an array a ray: slab_collect.glsl
+///   merge    merges them with the pixel's array one by one: slab_merge_sink.glsl; not for isosurfaces
+///   give     leaves all of an isosurface's: slab_given_sink.glsl
+enum class SinkKind { list, collect, merge, give };
+
+/// Recorded around the rays of each band: before they are cast, and when so many have been.
+struct BandHooks {
+    std::function<void()> before = [] {};
+    std::function<void(std::uint32_t rays)> after = [](std::uint32_t) {};
+};
 
 /// Slabs of an image's pixels, row by row, as a list sink leaves them.
 using SlabLists = std::vector<std::vector<twin::Slab>>;
@@ -33,7 +44,7 @@ public:
 
     /// Records the casting of all rays; a ray ends where what passes is at most `least_clear`. Until it has run,
     /// nothing else of this caster may be recorded elsewhere.
-    void record(Commands& commands, std::uint64_t sink, float least_clear);
+    void record(Commands& commands, std::uint64_t sink, float least_clear, const BandHooks& hooks = {});
     /// After it has run: throws Error(run) where Vulkan in software has cut the loops of a ray.
     void check() const;
     /// Rays in flight at a time: invocations that a sink must have room for.
@@ -55,7 +66,7 @@ public:
     ~IsosurfaceCaster();
     IsosurfaceCaster(IsosurfaceCaster&&) noexcept;
 
-    void record(Commands& commands, std::uint64_t sink);
+    void record(Commands& commands, std::uint64_t sink, const BandHooks& hooks = {});
     void check() const;
     [[nodiscard]] std::uint32_t band_rays() const;
     [[nodiscard]] std::uint64_t bytes() const;

@@ -1,0 +1,27 @@
+// A sink that compresses the slabs of a ray as they come, and leaves the array in `given`: image-level intermixing.
+#include "slab_frame.glsl"
+#define Sink Frame
+float first_front;
+uint sink_pixel, seen_slabs;
+void start_collecting(Frame f, uint pixel, uint number) {
+    frame = f;
+    own = number;
+    sink_pixel = pixel;
+    seen_slabs = 0u;
+    collector_start();
+}
+bool collect_slab(Slab s) {
+    if (seen_slabs == 0u) first_front = slab_front(s);
+    ++seen_slabs;
+    return collector_push(s);
+}
+void finish_collecting() {
+    if (seen_slabs == 0u) return;
+    collector_finish();
+    for (uint i = 0u; i < collector.count; ++i) set_given(i, node_at(i).slab);
+    leave_arrival(sink_pixel, collector.count, first_front);
+    atomicAdd(frame.seen, seen_slabs);
+}
+#define sink_start(pixel, number) start_collecting(sink, pixel, number)
+#define sink_push(slab) collect_slab(slab)
+#define sink_finish() finish_collecting()

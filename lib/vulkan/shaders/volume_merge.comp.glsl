@@ -1,0 +1,5 @@
+// Volume stage: slabs meet the pixel's array one by one (slab_merge_sink.glsl).
+#version 460
+#include "cast_volume.glsl"
+#include "slab_merge_sink.glsl"
+#include "volume_cast.glsl"
