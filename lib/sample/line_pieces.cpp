@@ -143,6 +143,24 @@ struct LineSampler::Weights {
     std::array<std::vector<double>, 3> field_weights;
     std::array<std::vector<FieldLines>, SurfaceCells::kMostRoots + 1> field_lines;  // by their K
     std::array<std::vector<double>, SurfaceCells::kMostRoots + 1> field_line_weights;
+    std::size_t field_cells = 0;  // that field_lines serve
+    double field_pixels = 0;
+
+    /// The fields of other cells, which come after these.
+    void append_fields(const Weights& more) {
+        const auto append = [](auto& to, const auto& from) { to.insert(to.end(), from.begin(), from.end()); };
+        for (std::size_t axis = 0; axis < 3; ++axis) {
+            append(fields[axis], more.fields[axis]);
+            append(field_cell[axis], more.field_cell[axis]);
+            append(field_weights[axis], more.field_weights[axis]);
+        }
+        for (std::size_t k = 0; k < field_lines.size(); ++k) {
+            append(field_lines[k], more.field_lines[k]);
+            append(field_line_weights[k], more.field_line_weights[k]);
+        }
+        field_cells += more.field_cells;
+        field_pixels += more.field_pixels;
+    }
 };
 
 LineSampler::LineSampler(const Object& object, const Camera& camera, std::uint32_t object_id, std::span<const Light> lights)
@@ -394,17 +412,24 @@ void LineSampler::add_blocks(Kind kind, int axis, int labels, std::size_t offset
 /// Adds what can be seen of a formula's cells.
 void LineSampler::add_fields(const SurfaceCells& cells, Weights& weights) {
     if (cells.formula() != nullptr) programs_ = std::make_shared<FieldPrograms>(*cells.formula());
-    // What cells say of themselves may have to be found first: by all threads, some at a time.
-    constexpr std::size_t kAtOnce = std::size_t{1} << 16U;
-    std::vector<SurfaceCell> some;
-    for (std::size_t first = 0; first < cells.count(); first += kAtOnce) {
-        some.resize(std::min(kAtOnce, cells.count() - first));
-        parallel_for(some.size(), 256, [&](std::size_t begin, std::size_t end) {
-            for (std::size_t i = begin; i < end; ++i) some[i] = cells.cell(first + i);
+    // What cells say of themselves may have to be found first: by all threads, some cells each. Sums are in the order of
+    // the cells, however many threads there are.
+    constexpr std::size_t kChunk = 256, kChunksAtOnce = 256;
+    const std::size_t chunks = (cells.count() + kChunk - 1) / kChunk;
+    std::vector<Weights> found;
+    for (std::size_t first = 0; first < chunks; first += kChunksAtOnce) {
+        found.assign(std::min(kChunksAtOnce, chunks - first), {});
+        parallel_for(found.size(), 1, [&](std::size_t begin, std::size_t end) {
+            for (std::size_t chunk = begin; chunk < end; ++chunk)
+                for (std::size_t i = (first + chunk) * kChunk; i < std::min((first + chunk + 1) * kChunk, cells.count()); ++i) {
+                    const SurfaceCell cell = cells.cell(i);
+                    found[chunk].field_pixels += add_field(cells, static_cast<std::uint32_t>(i), cell, cell.tight, 0, found[chunk]);
+                }
         });
-        for (std::size_t i = 0; i < some.size(); ++i)
-            virtual_pixels_ += add_field(cells, static_cast<std::uint32_t>(first + i), some[i], some[i].tight, 0, weights);
+        for (const Weights& each : found) weights.append_fields(each);
     }
+    virtual_pixels_ += weights.field_pixels;
+    field_cells_ += weights.field_cells;
     for (std::size_t axis = 0; axis < 3; ++axis) {
         const std::size_t offset = fields_.size();
         fields_.insert(fields_.end(), weights.fields[axis].begin(), weights.fields[axis].end());
@@ -453,7 +478,7 @@ double LineSampler::field_reach(const SurfaceCell& cell, const Box& box, std::si
 
 /// Adds the surface in one box of a cell, whole or in parts; returns its virtual pixels.
 double LineSampler::add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell,
-                              const Box& box, int depth, Weights& weights) {
+                              const Box& box, int depth, Weights& weights) const {
     std::array<Vec3, 8> corners;
     const int count = body_of(box, to_world_).vertices(corners);
     const auto area = camera_->pixel_area_range(corners.data(), count);
@@ -504,7 +529,7 @@ double LineSampler::add_field(const SurfaceCells& cells, std::uint32_t index, co
         std::array<std::size_t, SurfaceCells::kMostRoots + 1> lines_before{};
         for (std::size_t a = 0; a < before.size(); ++a) before[a] = weights.fields[a].size();
         for (std::size_t k = 0; k < lines_before.size(); ++k) lines_before[k] = weights.field_lines[k].size();
-        const std::size_t cells_before = field_cells_;
+        const std::size_t cells_before = weights.field_cells;
         std::array<Box, 8> parts;
         const int part_count = cut(box, parts);
         double sum = 0;
@@ -516,7 +541,7 @@ double LineSampler::add_field(const SurfaceCells& cells, std::uint32_t index, co
             weights.field_cell[a].resize(before[a]);
             weights.field_weights[a].resize(before[a]);
         }
-        field_cells_ = cells_before;
+        weights.field_cells = cells_before;
         for (std::size_t k = 0; k < lines_before.size(); ++k) {
             weights.field_lines[k].resize(lines_before[k]);
             weights.field_line_weights[k].resize(lines_before[k]);
@@ -529,7 +554,7 @@ double LineSampler::add_field(const SurfaceCells& cells, std::uint32_t index, co
         weights.field_weights[static_cast<std::size_t>(best)].push_back(whole);
         return whole;
     }
-    ++field_cells_;
+    ++weights.field_cells;
     for (std::size_t a = 0; a < 3; ++a) {
         if (!(along[a] > 0)) continue;
         weights.field_lines[labels[a]].push_back({piece, reach, index, static_cast<int>(a)});

@@ -142,7 +142,8 @@ private:
     double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
                     Weights& weights);
     void add_fields(const SurfaceCells& cells, Weights& weights);
-    double add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell, const Box& box, int depth, Weights& weights);
+    double add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell, const Box& box, int depth,
+                     Weights& weights) const;
     [[nodiscard]] double field_reach(const SurfaceCell& cell, const Box& box, std::size_t axis) const;
     void add_blocks(Kind kind, int axis, int labels, std::size_t offset, std::span<const double> weights);
 
