@@ -4,6 +4,8 @@
 #include <random>
 
 #include "cpu/fast_volume_caster.hpp"
+#include "kernel/plain_cast_twin.h"
+#include "render/method.hpp"
 #include "scene_testing.hpp"
 #include "vulkan/multi_volume_caster.hpp"
 #include "vulkan/volume_caster.hpp"
@@ -174,9 +176,11 @@ void expect_parity(const vulkan::SlabLists& device, const vulkan::SlabLists& cpu
     EXPECT_LE(quantile(off, 0.99), 1e-6);
 }
 
-void report(const std::string& name, const Agreement& a) {
-    fmt::print("{}: {} slabs of {} rays; {} slabs and {} rays differ, at most {} ULP\n", name, a.slabs, a.rays, a.other,
-               a.other_rays, a.worst);
+/// In software the division rounds as on the CPU, and so nothing differs; a GPU is granted 2.5 ULP.
+void expect_equal_bits(const vulkan::Device& device, const Agreement& a) {
+    if (device.info().is_gpu) return;
+    EXPECT_EQ(a.other_rays, 0U);
+    EXPECT_EQ(a.other, 0U) << "slabs of " << a.slabs << ", by at most " << a.worst << " ULP";
 }
 
 void expect_same_bits(const vulkan::SlabLists& a, const vulkan::SlabLists& b) {
@@ -239,12 +243,9 @@ TEST_F(VulkanVolumes, SlabsAreThoseOfTheCpu) {
             const auto cpu = slabs_on_cpu(scene, settings, opaque_at);
             const auto slabs = vulkan::cast_slabs(device, scene, scene.volumes[0], settings, opaque_at);
             const Agreement a = compare(slabs, cpu);
-            report(c.name, a);
             EXPECT_GT(a.slabs, 500U);
             expect_parity(slabs, cpu);
-            if (!device.info().is_gpu) {
-                EXPECT_EQ(a.other + a.other_rays, 0U);
-            }
+            expect_equal_bits(device, a);
         }
     }
     EXPECT_TRUE(device.validation_messages().empty());
@@ -254,8 +255,10 @@ TEST_F(VulkanVolumes, OtherInterpolationsAreThoseOfThePlainVersion) {
     const vulkan::Device device({.validate = true});
     for (const char* interpolation : {"catmull-rom", "nearest"})
         for (Case c : volume_cases()) {
-            if (c.step < 0.2) continue;
+            if (c.step < 0.2 || c.shading != kLit) continue;
             c.interpolation = interpolation;
+            c.width = 18;
+            c.height = 15;
             c.name += std::string(" ") + interpolation;
             SCOPED_TRACE(c.name);
             const PreparedScene scene = scene_of(c);
@@ -263,10 +266,9 @@ TEST_F(VulkanVolumes, OtherInterpolationsAreThoseOfThePlainVersion) {
             const auto cpu = slabs_on_cpu(scene, settings, 1);
             const auto slabs = vulkan::cast_slabs(device, scene, scene.volumes[0], settings, 1);
             const Agreement a = compare(slabs, cpu);
-            report(c.name, a);
-            EXPECT_GT(a.slabs, 500U);
-            EXPECT_EQ(a.other_rays, 0U);
+            EXPECT_GT(a.slabs, 150U);
             expect_parity(slabs, cpu);
+            expect_equal_bits(device, a);
         }
     EXPECT_TRUE(device.validation_messages().empty());
 }
@@ -352,10 +354,9 @@ TEST_F(VulkanVolumes, IsosurfacesAreThoseOfTheCpu) {
                 const auto cpu = isosurface_on_cpu(scene, 0.02, settings);
                 const auto slabs = vulkan::cast_slabs(device, scene, scene.objects[0], 0.02, settings, 1);
                 const Agreement a = compare(slabs, cpu);
-                report(c.name, a);
                 EXPECT_GT(a.slabs, 200U);
-                EXPECT_EQ(a.other_rays, 0U);
                 expect_parity(slabs, cpu);
+                expect_equal_bits(device, a);
                 expect_same_bits(slabs, vulkan::cast_slabs(device, scene, scene.objects[0], 0.02,
                                                            {.step = 0.03, .skip = false}, 1));
             }
@@ -399,12 +400,16 @@ ImageAgreement compare(const Image& a, const Image& b) {
     return result;
 }
 
-void expect_parity(const std::string& name, const Image& device, const Image& cpu) {
+void expect_parity(const std::string& name, const Image& device, const Image& cpu, SlabMixing mixing, bool on_gpu) {
     const ImageAgreement a = compare(device, cpu);
-    fmt::print("{}: {} of {} floats differ, 99 % by at most {:.2g}, 99.9 % by {:.2g}\n", name, a.other,
-               5 * cpu.pixel_count(), a.p99, a.p999);
+    SCOPED_TRACE(fmt::format("{}: {} of {} floats differ", name, a.other, 5 * cpu.pixel_count()));
     EXPECT_LE(a.p999, 1e-5);
     EXPECT_LE(a.p99, 1e-6);
+    // By extinction: where one volume alone is seen, a packet of the CPU multiplies and divides by its optical depth
+    // if another ray of it sees more of them.
+    if (mixing != SlabMixing::extinction && !on_gpu) {
+        EXPECT_EQ(a.other, 0U);
+    }
     double sum = 0;
     for (const float v : cpu.plane("A")) sum += static_cast<double>(v);
     EXPECT_GT(sum, 0.05 * static_cast<double>(cpu.pixel_count()));
@@ -416,18 +421,20 @@ TEST_F(VulkanVolumes, AllTogetherAreThoseOfTheCpu) {
     const vulkan::Device device({.validate = true});
     for (const Samples samples : {Samples::bytes, Samples::holes})
         for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction})
-            for (const int rays : {1, 2}) {
-                const Case c{.name = fmt::format("samples {}, mixing {}, rays {}", static_cast<int>(samples),
-                                                 static_cast<int>(mixing), rays),
+            {
+                const int rays = samples == Samples::bytes ? 1 : 2;
+                const Case c{.name = fmt::format("samples {}, mixing {}", static_cast<int>(samples), static_cast<int>(mixing)),
                              .samples = samples,
-                             .shading = kLit};
+                             .shading = kLit,
+                             .width = 22,
+                             .height = 19};
                 SCOPED_TRACE(c.name);
                 const PreparedScene scene = three_volumes(c);
                 MultiVolumeStats stats;
                 const MultiVolumeSettings settings{.step = 0.8, .mixing = mixing, .rays = rays};
                 const Image cpu = cast_volumes_fast(scene, settings, stats, kSilent);
                 const Image image = vulkan::cast_volumes(device, scene, settings, stats, kSilent);
-                expect_parity(c.name, image, cpu);
+                expect_parity(c.name, image, cpu, mixing, device.info().is_gpu);
                 MultiVolumeSettings all = settings;
                 all.skip = false;
                 expect_same_planes(image, vulkan::cast_volumes(device, scene, all, stats, kSilent));
@@ -449,7 +456,7 @@ TEST_F(VulkanVolumes, OfOtherInterpolationsTooTogether) {
             MultiVolumeStats stats;
             const MultiVolumeSettings settings{.step = 0.8, .mixing = mixing};
             expect_parity(c.name, vulkan::cast_volumes(device, scene, settings, stats, kSilent),
-                          cast_volumes_fast(scene, settings, stats, kSilent));
+                          cast_volumes_fast(scene, settings, stats, kSilent), mixing, device.info().is_gpu);
         }
     EXPECT_TRUE(device.validation_messages().empty());
 }
@@ -461,7 +468,7 @@ TEST_F(VulkanVolumes, SurfacesCutStepsAsOnTheCpu) {
         SurfaceLayers layers;
         layers.first.push_back(0);
         for (int y = 2 * y0; y < 2 * y1; ++y)
-            for (int x = 0; x < 60; ++x) {
+            for (int x = 0; x < 2 * 18; ++x) {
                 if ((x + y) % 2 == 0)
                     for (const Slab& s : {Slab{3.9F, 0, 0.1F, 0, 0, 0.1F}, Slab{5, 0, 0, 0.2F, 0, 0.2F},
                                           Slab{5, 0, 0.3F, 0, 0, 0.4F}})
@@ -476,7 +483,9 @@ TEST_F(VulkanVolumes, SurfacesCutStepsAsOnTheCpu) {
     for (const char* interpolation : {"trilinear", "catmull-rom"})
         for (const SlabMixing mixing : {SlabMixing::average, SlabMixing::normalised, SlabMixing::extinction}) {
             const Case c{.name = fmt::format("{}, mixing {}", interpolation, static_cast<int>(mixing)),
-                         .interpolation = interpolation};
+                         .interpolation = interpolation,
+                         .width = 18,
+                         .height = 15};
             SCOPED_TRACE(c.name);
             const PreparedScene scene = three_volumes(
                 c, fmt::format("[[surface]]\nisosurface = {{ volume = \"v.nrrd\", isovalue = 150 }}\nopacity = 0.3\n"
@@ -485,7 +494,7 @@ TEST_F(VulkanVolumes, SurfacesCutStepsAsOnTheCpu) {
             MultiVolumeStats stats;
             const MultiVolumeSettings settings{.step = 1.5, .mixing = mixing, .rays = 2, .opaque_at = 1};
             expect_parity(c.name, vulkan::cast_volumes(device, scene, settings, stats, kSilent, planes),
-                          cast_volumes_fast(scene, settings, stats, kSilent, planes));
+                          cast_volumes_fast(scene, settings, stats, kSilent, planes), mixing, device.info().is_gpu);
         }
     EXPECT_TRUE(device.validation_messages().empty());
 }
@@ -495,8 +504,49 @@ TEST_F(VulkanVolumes, IsosurfacesNeedNoVolume) {
     const PreparedScene scene = isosurface_scene({.name = "", .shading = kLit}, 0.5, "");
     MultiVolumeStats stats;
     expect_parity("isosurface alone", vulkan::cast_volumes(device, scene, {}, stats, kSilent),
-                  cast_volumes_fast(scene, {}, stats, kSilent));
+                  cast_volumes_fast(scene, {}, stats, kSilent), SlabMixing::average, device.info().is_gpu);
     EXPECT_TRUE(device.validation_messages().empty());
+}
+
+// The scenes of zSlabs, with their polygons between the volumes.
+TEST_F(VulkanVolumes, MdvrDrawsTheScenesOfSlabsAsTheCpuDoes) {
+    const Backend device = Backend::open_vulkan({.validate = true});
+    for (const char* name : {"dense_volume", "clipped", "cube_and_sphere"}) {
+        SCOPED_TRACE(name);
+        Scene settings = load_scene(fs::path(PELLUCID_SOURCE_DIR) / "scenes/slabs" / (std::string(name) + ".toml"));
+        settings.image.width = settings.image.height = 48;
+        const PreparedScene scene = prepare(settings);
+        const Method& method = method_by_name("mdvr");
+        const auto draw = [&](const Backend& backend) {
+            const Config config = Config::parse("[mdvr]\nrays = 2\n", "test.toml", "/");
+            RenderInput input{scene, config.root().table("mdvr"), {}, {}};
+            input.backend = backend;
+            RenderStats stats;
+            return method.render(input, stats);
+        };
+        expect_parity(name, draw(device), draw(Backend::cpu()), SlabMixing::average, false);
+    }
+    device.check_validation();
+}
+
+// ---- Elementary functions of the shaders
+
+TEST(PlainCastTwin, ElementaryFunctionsAreThoseOfTheStandardLibrary) {
+    std::mt19937_64 random(7);
+    std::uniform_real_distribution<double> exponent(-40, 0), sign(-1, 1);
+    double worst_log = 0, worst_exp = 0;
+    for (int i = 0; i < 200000; ++i) {
+        const double size = std::exp2(exponent(random));
+        const double x = (sign(random) < 0 ? -1 : 1) * size * (1 - 1e-9);
+        worst_log = std::max(worst_log, std::abs(twin::log1p_d(x) / std::log1p(x) - 1));
+        const double y = 60 * x;
+        worst_exp = std::max(worst_exp, std::abs(twin::expm1_d(y) / std::expm1(y) - 1));
+    }
+    EXPECT_LT(worst_log, 1e-15);
+    EXPECT_LT(worst_exp, 1e-15);
+    EXPECT_EQ(twin::log1p_d(0), 0);
+    EXPECT_EQ(twin::expm1_d(0), 0);
+    EXPECT_EQ(twin::expm1_d(-1e300), -1);
 }
 
 }  // namespace
