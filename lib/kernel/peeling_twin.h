@@ -120,7 +120,8 @@ struct PeelSetup {
     uint64_t flags;    // PeelFlags
     double most_clear;  // a pixel is finished at so little
     int width;
-    int height;
+    int first_row;  // of the image that the buffers have
+    int rows;
     uint light_count;
     uint most_layers;  // of a pixel
     uint perspective;
@@ -152,8 +153,9 @@ struct PeelDrawPush {
     double near_depth;
     double far_depth;
     int width;
-    int height;
-    int viewport_x;  // place of the viewport's corner, pixels
+    int first_row;
+    int rows;
+    int viewport_x;  // place of the viewport's corner in the image, pixels
     int viewport_y;
     int viewport_side;  // a power of two
     uint perspective;

@@ -32,7 +32,7 @@ static_assert(sizeof(SurfaceFragment) == sizeof(twin::PaintedFragment) && sizeof
 static_assert(sizeof(twin::PeelPixel) == 24 && sizeof(twin::PeelColor) == 40 && sizeof(twin::PeelPart) == 32);
 static_assert(sizeof(twin::PeelLight) == 20 && sizeof(twin::PeelObject) == 272 && sizeof(twin::PeelFlags) == 20);
 
-static_assert(sizeof(twin::PeelDrawPush) == 120 && sizeof(twin::PeelShadePush) == 128);
+static_assert(sizeof(twin::PeelDrawPush) == 128 && sizeof(twin::PeelShadePush) == 128);
 
 enum class Output : std::uint32_t { targets, mixed, blended };
 
@@ -42,6 +42,9 @@ constexpr std::size_t kPiece = 8192;
 constexpr std::uint32_t kMostSide = 1U << 14U;
 constexpr std::uint32_t kGridBits = 8;
 static_assert(1 << kGridBits == kSubpixels);
+/// Of the heap, what pixels may take; larger images are drawn a band of rows after the other.
+constexpr std::uint64_t kHeapShare = 4;
+constexpr std::uint64_t kMostPixelBytes = std::uint64_t{1} << 30U;
 /// A row of a small image: workgroups cost more than pixels in software.
 constexpr std::uint32_t kPixelsEachInSoftware = 32;
 /// Slots where more fragments than M are at one depth: their loops stay below the limit of Vulkan in software (particles.cpp).
@@ -138,12 +141,8 @@ public:
           pixels_each_(device.info().is_gpu ? 1 : kPixelsEachInSoftware),
           commands_(device) {
         const Camera& camera = scene.camera;
-        const auto larger = static_cast<std::uint32_t>(std::max(camera.width(), camera.height()));
         side_ = std::bit_floor(std::min(device.info().largest_viewport, kMostSide));
-        if (larger > side_)
-            throw run_error("an image of {} x {} pixels: \"{}\" draws triangles in at most {} x {}", camera.width(),
-                            camera.height(), device.info().name, side_, side_);
-        pixels_ = static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
+        require_fits(camera.width());
 
         std::vector<bool> shows;
         for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(scene.objects[mesh.object].surface.opacity > 0);
@@ -156,10 +155,11 @@ public:
         fill_setup();
     }
 
-    PeelStats run(std::span<const std::uint32_t> objects, const PeelSettings& settings, Output output,
+    PeelStats run(std::span<const std::uint32_t> objects, const PeelSettings& settings, const PeelRows& rows, Output output,
                   const std::function<void(const PeeledTargets&)>& intermix) {
+        choose(rows);
         make_room(output);
-        Buffer order = filled(std::as_bytes(settings.order));
+        const Buffer order = filled(std::as_bytes(settings.order));
         draw_.order = order.address();
         setup_.most_clear = 1 - settings.opaque_at;
         setup_.most_layers = settings.layers > 0 ? static_cast<std::uint32_t>(settings.layers) : ~0U;
@@ -182,9 +182,9 @@ public:
     }
 
     std::span<const twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
-                                             PeelMix mix, PeelStats& stats) {
-        stats = run(objects, settings, mix == PeelMix::by_depth ? Output::mixed : Output::blended, {});
-        if (colors_read_.bytes() == 0) colors_read_ = Buffer(device_, colors_.bytes(), BufferKind::readback);
+                                             PeelMix mix, const PeelRows& rows, PeelStats& stats) {
+        stats = run(objects, settings, rows, mix == PeelMix::by_depth ? Output::mixed : Output::blended, {});
+        if (colors_read_.bytes() != colors_.bytes()) colors_read_ = Buffer(device_, colors_.bytes(), BufferKind::readback);
         commands_.begin_stage("read-back");
         commands_.copy(colors_, 0, colors_read_, 0, colors_.bytes());
         commands_.end_stage();
@@ -202,7 +202,33 @@ public:
 
     [[nodiscard]] const std::vector<pellucid::StageTime>& times() const { return times_; }
 
+    [[nodiscard]] PeelRows all_rows() const { return {0, scene_.camera.height()}; }
+    [[nodiscard]] int most_rows() const {
+        const auto a_row = static_cast<std::uint64_t>(scene_.camera.width()) *
+                           (sizeof(twin::PeelPixel) + 2 * sizeof(twin::PeelColor) + 8 * static_cast<std::uint64_t>(slots_));
+        const std::uint64_t room = std::min(device_.info().heap_bytes / kHeapShare, kMostPixelBytes);
+        return static_cast<int>(std::clamp<std::uint64_t>(room / a_row, 1, side_));
+    }
+
 private:
+    void require_fits(int pixels) const {
+        if (static_cast<std::uint32_t>(pixels) > side_)
+            throw run_error("an image of {} x {} pixels: \"{}\" draws triangles in at most {} x {}", scene_.camera.width(),
+                            scene_.camera.height(), device_.info().name, side_, side_);
+    }
+
+    /// The rows that are drawn next.
+    void choose(const PeelRows& rows) {
+        const int count = rows.end - rows.begin;
+        require_fits(count);
+        pixels_ = static_cast<std::size_t>(scene_.camera.width()) * static_cast<std::size_t>(count);
+        setup_.first_row = draw_.first_row = rows.begin;
+        setup_.rows = draw_.rows = count;
+        // As much room on either side.
+        draw_.viewport_x = -(static_cast<int>(side_) - scene_.camera.width()) / 2;
+        draw_.viewport_y = rows.begin - (static_cast<int>(side_) - count) / 2;
+    }
+
     /// As many as run in step in software; a GPU is kept busy by any.
     [[nodiscard]] static std::uint32_t group_size(const Device& device) {
         return device.info().is_gpu ? 64 : std::max(1U, device.info().subgroup_size);
@@ -336,7 +362,6 @@ private:
         setup_.objects = objects_.address();
         setup_.lights = lights_.address();
         setup_.width = camera.width();
-        setup_.height = camera.height();
         setup_.perspective = camera.perspective() ? 1 : 0;
         setup_.with_thickness = settings_.thickness ? 1 : 0;
 
@@ -349,12 +374,8 @@ private:
         draw_.near_depth = camera.near();
         draw_.far_depth = camera.far();
         draw_.width = camera.width();
-        draw_.height = camera.height();
         draw_.perspective = setup_.perspective;
         draw_.viewport_side = static_cast<int>(side_);
-        // As much room on either side of the image.
-        draw_.viewport_x = -(static_cast<int>(side_) - camera.width()) / 2;
-        draw_.viewport_y = -(static_cast<int>(side_) - camera.height()) / 2;
         draw_.judge_all = settings_.judge_all || device_.info().subpixel_bits != kGridBits ? 1 : 0;
         draw_.shift = settings_.shift;
     }
@@ -436,12 +457,12 @@ private:
 
     [[nodiscard]] twin::PeelFlags pass(std::span<const VertexRange> ranges) {
         const auto width = static_cast<std::uint32_t>(scene_.camera.width());
-        const auto height = static_cast<std::uint32_t>(scene_.camera.height());
+        const auto rows = static_cast<std::uint32_t>(draw_.rows);
         commands_.fill(flags_, 0, flags_.bytes(), 0);
         commands_.barrier();
         commands_.begin_stage("peel");
         commands_.draw(kernels_->raster, std::as_bytes(std::span(&draw_, 1)),
-                       {draw_.viewport_x, draw_.viewport_y, side_, width, height}, ranges);
+                       {draw_.viewport_x, draw_.viewport_y - draw_.first_row, side_, width, rows}, ranges);
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
@@ -499,25 +520,28 @@ Peeler::~Peeler() = default;
 
 PeelStats Peeler::peel(std::span<const std::uint32_t> objects, const PeelSettings& settings,
                        const std::function<void(const PeeledTargets&)>& intermix) {
-    return state_->run(objects, settings, Output::targets, intermix);
+    return state_->run(objects, settings, state_->all_rows(), Output::targets, intermix);
 }
 
 std::span<const twin::PeelColor> Peeler::compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
-                                                 PeelMix mix, PeelStats& stats) {
-    return state_->compose(objects, settings, mix, stats);
+                                                 PeelMix mix, const PeelRows& rows, PeelStats& stats) {
+    return state_->compose(objects, settings, mix, rows, stats);
 }
+
+int Peeler::most_rows() const { return state_->most_rows(); }
 
 const std::vector<pellucid::StageTime>& Peeler::device_times() const { return state_->times(); }
 
 std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles, double vertices, int targets) {
     const double pixels = static_cast<double>(scene.camera.width()) * scene.camera.height();
+    const double bytes_a_pixel = sizeof(twin::PeelPixel) + 8.0 * targets + 2 * sizeof(twin::PeelColor);
     double painted = 0;
     for (const Object& object : scene.objects)
         if (object.geometry->has_color() || object.geometry->painted()) painted += pixels * sizeof(SurfaceFragment);
     // Parts with planes, indices; positions and normals; states, slots, colours and those that are read back.
     const double bytes = triangles * (sizeof(twin::PeelPart) + sizeof(DepthPlane) + 3 * sizeof(std::uint32_t)) +
                          vertices * 2 * sizeof(Vec3) + painted +
-                         pixels * (sizeof(twin::PeelPixel) + 8.0 * targets + 2 * sizeof(twin::PeelColor));
+                         std::min(pixels * bytes_a_pixel, static_cast<double>(kMostPixelBytes));
     return static_cast<std::int64_t>(bytes);
 }
 

@@ -44,7 +44,8 @@ bool is_cut(PeelObject o, Vec3d world) {
 
 void main() {
     int x = int(gl_FragCoord.x);
-    int y = int(gl_FragCoord.y);
+    int row = int(gl_FragCoord.y);
+    int y = push.first_row + row;
     uint part_number = part_judged_object_triangle.x;
     uint triangle = part_judged_object_triangle.w;
     if (part_judged_object_triangle.y != 0u) {
@@ -67,9 +68,10 @@ void main() {
     uint first = push.order != 0ul ? Order(push.order).at[triangle] : floatBitsToUint(float(z));
     uint64_t place = (uint64_t(first) << 32u) | uint64_t(part_number);
 
-    uint64_t pixel = uint64_t(y) * uint64_t(push.width) + uint64_t(x);
+    uint64_t pixel = uint64_t(row) * uint64_t(push.width) + uint64_t(x);
     uint64_t slot = push.slots + 8ul * pixel;
-    uint64_t step = 8ul * (uint64_t(push.width) * uint64_t(push.height));
+    uint64_t step = 8ul * (uint64_t(push.width) * uint64_t(push.rows));
+    // What is read here may be old, and then larger than what is there: it only falls.
     if (place >= Place(slot + (kSlots - 1) * step).value) return;
     if (place < Pixels(push.pixels + 24ul * pixel).at[0].from) return;
 

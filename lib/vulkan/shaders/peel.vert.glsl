@@ -31,11 +31,11 @@ void main() {
     int x = corner == 0 ? p.x0 : (corner == 1 ? p.x1 : p.x2);
     int y = corner == 0 ? p.y0 : (corner == 1 ? p.y1 : p.y2);
     if (!whole) {
-        // Twice the rectangle and a pixel around it, cut to the image.
+        // Twice the rectangle and a pixel around it, cut to the rows at hand.
         int x_first = max(x_lo, 0) - 256;
-        int y_first = max(y_lo, 0) - 256;
+        int y_first = max(y_lo, push.first_row * 256) - 256;
         int wide = 2 * (min(x_hi, push.width * 256) - x_first) + 1024;
-        int high = 2 * (min(y_hi, push.height * 256) - y_first) + 1024;
+        int high = 2 * (min(y_hi, (push.first_row + push.rows) * 256) - y_first) + 1024;
         x = x_first + (corner == 1 ? wide : 0);
         y = y_first + (corner == 2 ? high : 0);
     }

@@ -196,8 +196,9 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
         if (kOutput == kTargets) Numbers(s.counts).at[pixel] = 0;
         return;
     }
-    int y = int(pixel / uint(s.width));
-    int x = int(pixel) - y * s.width;
+    int row = int(pixel / uint(s.width));
+    int x = int(pixel) - row * s.width;
+    int y = s.first_row + row;
     PeelPixel state = Pixels(s.pixels).at[pixel];
     if (state.count == 0) {
         state.clear = 1.0lf;
@@ -273,7 +274,7 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
 
 void main() {
     PeelSetup s = Setup(push.setup).setup;
-    uint pixels = uint(s.width) * uint(s.height);
+    uint pixels = uint(s.width) * uint(s.rows);
     uint group = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
     for (uint i = 0; i < kPixelsEach; ++i) {
         uint pixel = (group * kPixelsEach + i) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
