@@ -57,6 +57,10 @@ template <class T>
 [[nodiscard]] twin::Vec3d wide(const Vec3& v) { return {v.x, v.y, v.z}; }
 [[nodiscard]] float narrow(double v) { return static_cast<float>(v); }
 
+[[nodiscard]] std::uint64_t pixel_room(const Device& device) {
+    return std::min(device.info().heap_bytes / kHeapShare, kMostPixelBytes);
+}
+
 /// All parts of the triangles of a scene, by number, and the planes of their triangles.
 struct Parts {
     std::vector<twin::PeelPart> parts;
@@ -206,8 +210,7 @@ public:
     [[nodiscard]] int most_rows() const {
         const auto a_row = static_cast<std::uint64_t>(scene_.camera.width()) *
                            (sizeof(twin::PeelPixel) + 2 * sizeof(twin::PeelColor) + 8 * static_cast<std::uint64_t>(slots_));
-        const std::uint64_t room = std::min(device_.info().heap_bytes / kHeapShare, kMostPixelBytes);
-        return static_cast<int>(std::clamp<std::uint64_t>(room / a_row, 1, side_));
+        return static_cast<int>(std::clamp<std::uint64_t>(pixel_room(device_) / a_row, 1, side_));
     }
 
 private:
@@ -532,7 +535,8 @@ int Peeler::most_rows() const { return state_->most_rows(); }
 
 const std::vector<pellucid::StageTime>& Peeler::device_times() const { return state_->times(); }
 
-std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles, double vertices, int targets) {
+std::int64_t planned_compose_bytes(const Device& device, const PreparedScene& scene, double triangles, double vertices,
+                                   int targets) {
     const double pixels = static_cast<double>(scene.camera.width()) * scene.camera.height();
     const double bytes_a_pixel = sizeof(twin::PeelPixel) + 8.0 * targets + 2 * sizeof(twin::PeelColor);
     double painted = 0;
@@ -541,7 +545,7 @@ std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles,
     // Parts with planes, indices; positions and normals; states, slots, colours and those that are read back.
     const double bytes = triangles * (sizeof(twin::PeelPart) + sizeof(DepthPlane) + 3 * sizeof(std::uint32_t)) +
                          vertices * 2 * sizeof(Vec3) + painted +
-                         std::min(pixels * bytes_a_pixel, static_cast<double>(kMostPixelBytes));
+                         std::min(pixels * bytes_a_pixel, static_cast<double>(pixel_room(device)));
     return static_cast<std::int64_t>(bytes);
 }
 

@@ -87,6 +87,7 @@ private:
 };
 
 /// Bytes that compose() will hold on the device.
-[[nodiscard]] std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles, double vertices, int targets);
+[[nodiscard]] std::int64_t planned_compose_bytes(const Device& device, const PreparedScene& scene, double triangles,
+                                                 double vertices, int targets);
 
 }  // namespace pellucid::vulkan

@@ -77,8 +77,8 @@ std::unique_ptr<SurfaceDrawer> make_surface_drawer(const Device& device, const P
     return std::make_unique<VulkanSurfaces>(device, scene, meshes);
 }
 
-std::int64_t planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices) {
-    return planned_compose_bytes(scene, triangles, vertices, kSlots);
+std::int64_t planned_surface_bytes(const Device& device, const PreparedScene& scene, double triangles, double vertices) {
+    return planned_compose_bytes(device, scene, triangles, vertices, kSlots);
 }
 
 }  // namespace pellucid::vulkan
