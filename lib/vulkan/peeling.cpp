@@ -47,7 +47,7 @@ constexpr std::uint64_t kHeapShare = 4;
 constexpr std::uint64_t kMostPixelBytes = std::uint64_t{1} << 30U;
 /// A row of a small image: workgroups cost more than pixels in software.
 constexpr std::uint32_t kPixelsEachInSoftware = 32;
-/// Slots where more fragments than M are at one depth: their loops stay below the limit of Vulkan in software (particles.cpp).
+/// Where more fragments than M are at one depth: so many bytes a pixel are no more than 128 layers.
 constexpr int kMostSlots = 128;
 
 template <class T>
@@ -66,6 +66,16 @@ struct Parts {
     std::vector<twin::PeelPart> parts;
     std::vector<DepthPlane> planes;
     std::vector<std::uint32_t> first;  // of an object, and the number of all
+};
+
+/// A part that the device's rasteriser covers as the CPU's does: within the viewport.
+struct WholeWithin {
+    std::int32_t left, top, side;  // on the grid; side 0: none
+    [[nodiscard]] bool operator()(const twin::PeelPart& p) const {
+        const auto [x_lo, x_hi] = std::minmax({p.x0, p.x1, p.x2});
+        const auto [y_lo, y_hi] = std::minmax({p.y0, p.y1, p.y2});
+        return side > 0 && x_lo >= left && x_hi <= left + side && y_lo >= top && y_hi <= top + side;
+    }
 };
 
 [[nodiscard]] Parts set_up(const Camera& camera, const SceneMeshes& meshes, const std::vector<bool>& shows) {
@@ -152,9 +162,11 @@ public:
         for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(scene.objects[mesh.object].surface.opacity > 0);
         Parts parts = set_up(camera, meshes, shows);
         first_part_ = parts.first;
-        upload_objects(parts);
+        place_viewport();
+        sort_out(parts);
         parts_ = filled(bytes_of(parts.parts));
         planes_ = filled(bytes_of(parts.planes));
+        upload_objects(parts);
         upload_lights();
         fill_setup();
     }
@@ -162,17 +174,18 @@ public:
     PeelStats run(std::span<const std::uint32_t> objects, const PeelSettings& settings, const PeelRows& rows, Output output,
                   const std::function<void(const PeeledTargets&)>& intermix) {
         choose(rows);
+        ranked_ = !settings.order.empty();
         make_room(output);
         const Buffer order = filled(std::as_bytes(settings.order));
         draw_.order = order.address();
         setup_.most_clear = 1 - settings.opaque_at;
         setup_.most_layers = settings.layers > 0 ? static_cast<std::uint32_t>(settings.layers) : ~0U;
-        const std::vector<VertexRange> ranges = ranges_of(objects);
+        const Work work = work_of(objects);
         start(output);
 
         PeelStats stats;
-        while (!ranges.empty()) {
-            const twin::PeelFlags flags = pass(ranges);
+        while (!work.empty()) {
+            const twin::PeelFlags flags = pass(work);
             ++stats.passes;
             stats.fragments += flags.found;
             stats.pixels += flags.pixels;
@@ -227,9 +240,32 @@ private:
         pixels_ = static_cast<std::size_t>(scene_.camera.width()) * static_cast<std::size_t>(count);
         setup_.first_row = draw_.first_row = rows.begin;
         setup_.rows = draw_.rows = count;
-        // As much room on either side.
-        draw_.viewport_x = -(static_cast<int>(side_) - scene_.camera.width()) / 2;
-        draw_.viewport_y = rows.begin - (static_cast<int>(side_) - count) / 2;
+    }
+
+    /// As much room on either side of the image; of images higher than the viewport, its uppermost rows.
+    void place_viewport() {
+        const auto side = static_cast<int>(side_);
+        draw_.viewport_side = side;
+        draw_.viewport_x = -(side - scene_.camera.width()) / 2;
+        draw_.viewport_y = -std::max(0, side - scene_.camera.height()) / 2;
+    }
+
+    /// Parts that must be judged, object by object.
+    void sort_out(Parts& parts) {
+        const bool fine = device_.info().subpixel_bits == kGridBits && !settings_.judge_all;
+        const WholeWithin whole{kSubpixels * draw_.viewport_x, kSubpixels * draw_.viewport_y,
+                                fine ? kSubpixels * draw_.viewport_side : 0};
+        std::vector<std::uint32_t> judged;
+        for (std::size_t o = 0; o + 1 < parts.first.size(); ++o) {
+            first_judged_.push_back(static_cast<std::uint32_t>(judged.size()));
+            for (std::uint32_t i = parts.first[o]; i < parts.first[o + 1]; ++i) {
+                if (whole(parts.parts[i])) continue;
+                parts.parts[i].object |= twin::kPeelJudged;
+                judged.push_back(i);
+            }
+        }
+        first_judged_.push_back(static_cast<std::uint32_t>(judged.size()));
+        judged_ = filled(bytes_of(judged));
     }
 
     /// As many as run in step in software; a GPU is kept busy by any.
@@ -244,7 +280,7 @@ private:
     }
 
     /// Meshes one after the other in one buffer each for positions, normals and indices: a device has few allocations.
-    void upload_objects(Parts& parts) {
+    void upload_objects(const Parts& parts) {
         std::uint64_t positions = 0, normals = 0, indices = 0;
         for (const ObjectMesh& object : meshes_.objects()) {
             positions += object.mesh->positions.size();
@@ -277,8 +313,9 @@ private:
                 clip.insert(clip.end(), {plane.normal.x, plane.normal.y, plane.normal.z, plane.offset});
             first_painted.push_back(painted.size());
             if ((object.flags & twin::kPeelPainted) != 0) paint(o, parts, object, painted);
-            if ((object.flags & (twin::kPeelPainted | twin::kPeelBounds)) != 0 || object.clip_count > 0)
-                for (std::uint32_t i = parts.first[o]; i < parts.first[o + 1]; ++i) parts.parts[i].object |= twin::kPeelAsks;
+            asks_.push_back((object.flags & (twin::kPeelPainted | twin::kPeelBounds)) != 0 || object.clip_count > 0);
+            any_flag_ |= object.flags;
+            any_lit_ = any_lit_ || (object.flags & twin::kPeelFlat) == 0;
         }
         clip_ = filled(bytes_of(clip));
         painted_ = filled(bytes_of(painted));
@@ -365,8 +402,6 @@ private:
         setup_.objects = objects_.address();
         setup_.lights = lights_.address();
         setup_.width = camera.width();
-        setup_.perspective = camera.perspective() ? 1 : 0;
-        setup_.with_thickness = settings_.thickness ? 1 : 0;
 
         draw_.rays = rays_.address();
         draw_.parts = parts_.address();
@@ -377,9 +412,7 @@ private:
         draw_.near_depth = camera.near();
         draw_.far_depth = camera.far();
         draw_.width = camera.width();
-        draw_.perspective = setup_.perspective;
-        draw_.viewport_side = static_cast<int>(side_);
-        draw_.judge_all = settings_.judge_all || device_.info().subpixel_bits != kGridBits ? 1 : 0;
+        draw_.judged = judged_.address();
         draw_.shift = settings_.shift;
     }
 
@@ -405,6 +438,7 @@ private:
         }
         setup_.pixels = draw_.pixels = states_.address();
         setup_.slots = draw_.slots = places_.address();
+        setup_.slot_count = static_cast<std::uint32_t>(slots_);
         shade_.setup = setup_buffer_.address();
         setup_.slabs = slabs_.address();
         setup_.numbers = numbers_.address();
@@ -412,14 +446,22 @@ private:
         setup_.colors = colors_.address();
         setup_.flags = flags_.address();
 
-        if (kernels_ && kernels_->slots == slots_ && kernels_->output == output) return;
-        const auto narrow_slots = static_cast<std::uint32_t>(slots_);
-        kernels_.emplace(Kernels{
-            slots_, output,
-            RasterKernel(device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = std::array{narrow_slots}}),
-            Kernel(device_, kShadeWords,
-                   {.push_bytes = sizeof(shade_),
-                    .constants = std::array{group_size_, narrow_slots, static_cast<std::uint32_t>(output), pixels_each_}})});
+        if (!raster_ || raster_->slots != slots_ || raster_->ranked != ranked_)
+            raster_.emplace(Raster{slots_, ranked_, raster_kernel(false, false), raster_kernel(true, false), raster_kernel(true, true)});
+        if (!shader_ || shader_->output != output) {
+            const auto any = [&](std::uint32_t flag) { return (any_flag_ & flag) != 0 ? 1U : 0U; };
+            const std::array<std::uint32_t, 8> constants{
+                group_size_, static_cast<std::uint32_t>(output), pixels_each_, perspective(), settings_.thickness ? 1U : 0U, any(twin::kPeelPainted), any(twin::kPeelSmooth),
+                any_lit_ ? 1U : 0U};
+            shader_.emplace(Shader{output, Kernel(device_, kShadeWords, {.push_bytes = sizeof(shade_), .constants = constants})});
+        }
+    }
+
+    [[nodiscard]] std::uint32_t perspective() const { return scene_.camera.perspective() ? 1 : 0; }
+    [[nodiscard]] RasterKernel raster_kernel(bool asks, bool judged) const {
+        const std::array<std::uint32_t, 5> constants{static_cast<std::uint32_t>(slots_), asks ? 1U : 0U, judged ? 1U : 0U,
+                                                     ranked_ ? 1U : 0U, perspective()};
+        return {device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = constants}};
     }
 
     /// More fragments are at one depth of a pixel than there are slots.
@@ -432,19 +474,27 @@ private:
         commands_.fill(places_, 0, places_.bytes(), ~0U);
     }
 
-    [[nodiscard]] std::vector<VertexRange> ranges_of(std::span<const std::uint32_t> objects) const {
-        std::vector<VertexRange> ranges;
-        for (const std::uint32_t o : objects) {
-            const std::uint32_t first = 3 * first_part_[o];
-            const std::uint32_t count = 3 * first_part_[o + 1] - first;
-            if (count == 0) continue;
-            if (!ranges.empty() && ranges.back().first + ranges.back().count == first) {
-                ranges.back().count += count;
+    /// What a pass draws: parts whose fragments are all there, those of objects that must be asked, and judged ones.
+    struct Work {
+        std::vector<VertexRange> plain, asking, judged;
+        [[nodiscard]] bool empty() const { return plain.empty() && asking.empty() && judged.empty(); }
+    };
+    [[nodiscard]] Work work_of(std::span<const std::uint32_t> objects) const {
+        const auto add = [](std::vector<VertexRange>& ranges, std::uint32_t begin, std::uint32_t end) {
+            if (begin == end) return;
+            if (!ranges.empty() && ranges.back().first + ranges.back().count == 3 * begin) {
+                ranges.back().count += 3 * (end - begin);
             } else {
-                ranges.push_back({first, count});
+                ranges.push_back({3 * begin, 3 * (end - begin)});
             }
+        };
+        Work work;
+        for (const std::uint32_t o : objects) {
+            add(work.judged, first_judged_[o], first_judged_[o + 1]);
+            const bool all_judged = first_judged_[o + 1] - first_judged_[o] == first_part_[o + 1] - first_part_[o];
+            if (!all_judged) add(asks_[o] ? work.asking : work.plain, first_part_[o], first_part_[o + 1]);
         }
-        return ranges;
+        return work;
     }
 
     void upload_setup() { upload(device_, setup_buffer_, std::as_bytes(std::span(&setup_, 1))); }
@@ -458,18 +508,26 @@ private:
         commands_.barrier();
     }
 
-    [[nodiscard]] twin::PeelFlags pass(std::span<const VertexRange> ranges) {
+    [[nodiscard]] twin::PeelFlags pass(const Work& work) {
         const auto width = static_cast<std::uint32_t>(scene_.camera.width());
         const auto rows = static_cast<std::uint32_t>(draw_.rows);
         commands_.fill(flags_, 0, flags_.bytes(), 0);
         commands_.barrier();
         commands_.begin_stage("peel");
-        commands_.draw(kernels_->raster, std::as_bytes(std::span(&draw_, 1)),
-                       {draw_.viewport_x, draw_.viewport_y - draw_.first_row, side_, width, rows}, ranges);
+        const auto draw = [&](const RasterKernel& kernel, const twin::PeelDrawPush& push, std::span<const VertexRange> ranges) {
+            if (!ranges.empty())
+                commands_.draw(kernel, std::as_bytes(std::span(&push, 1)),
+                               {push.viewport_x, push.viewport_y - push.first_row, side_, width, rows}, ranges);
+        };
+        draw(raster_->plain, draw_, work.plain);
+        draw(raster_->asking, draw_, work.asking);
+        twin::PeelDrawPush on_rows = draw_;  // a triangle over the pixels of a part is never cut
+        on_rows.viewport_y = draw_.first_row - (static_cast<int>(side_) - draw_.rows) / 2;
+        draw(raster_->judged, on_rows, work.judged);
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
-        commands_.dispatch(kernels_->shade, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
+        commands_.dispatch(shader_->kernel, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
         commands_.end_stage();
         commands_.barrier();
         commands_.copy(flags_, 0, flags_read_, 0, flags_.bytes());
@@ -490,11 +548,14 @@ private:
         }
     }
 
-    struct Kernels {
+    struct Raster {
         int slots;
+        bool ranked;
+        RasterKernel plain, asking, judged;
+    };
+    struct Shader {
         Output output;
-        RasterKernel raster;
-        Kernel shade;
+        Kernel kernel;
     };
 
     const Device& device_;
@@ -505,12 +566,18 @@ private:
     std::uint32_t group_size_, pixels_each_;
     std::uint32_t side_ = 0;  // of the viewport
     std::size_t pixels_ = 0;
-    std::vector<std::uint32_t> first_part_;  // of an object
+    std::vector<std::uint32_t> first_part_, first_judged_;  // of an object
+    std::vector<bool> asks_;                                // whether a fragment of the object may be cut away
+    std::uint32_t any_flag_ = 0;                            // of all objects
+    bool any_lit_ = false;
     twin::PeelSetup setup_{};
     twin::PeelDrawPush draw_{};
     twin::PeelShadePush shade_{};
     Commands commands_;
-    std::optional<Kernels> kernels_;
+    std::optional<Raster> raster_;
+    std::optional<Shader> shader_;
+    bool ranked_ = false;
+    Buffer judged_;
     Buffer setup_buffer_, parts_, planes_, positions_, normals_, indices_, clip_, painted_, objects_, lights_, rays_;
     Buffer states_, places_, slabs_, numbers_, counts_, colors_, colors_read_, flags_, flags_read_;
     std::vector<pellucid::StageTime> times_;
