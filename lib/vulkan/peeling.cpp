@@ -185,7 +185,7 @@ public:
 
         PeelStats stats;
         while (!work.empty()) {
-            const twin::PeelFlags flags = pass(work);
+            const twin::PeelFlags flags = pass(work, stats.passes == 0);
             ++stats.passes;
             stats.fragments += flags.found;
             stats.pixels += flags.pixels;
@@ -446,8 +446,7 @@ private:
         setup_.colors = colors_.address();
         setup_.flags = flags_.address();
 
-        if (!raster_ || raster_->slots != slots_ || raster_->ranked != ranked_)
-            raster_.emplace(Raster{slots_, ranked_, raster_kernel(false, false), raster_kernel(true, false), raster_kernel(true, true)});
+        if (!raster_ || raster_->slots != slots_ || raster_->ranked != ranked_) raster_.emplace(Raster{slots_, ranked_, {}});
         if (!shader_ || shader_->output != output) {
             const auto any = [&](std::uint32_t flag) { return (any_flag_ & flag) != 0 ? 1U : 0U; };
             const std::array<std::uint32_t, 8> constants{
@@ -458,10 +457,15 @@ private:
     }
 
     [[nodiscard]] std::uint32_t perspective() const { return scene_.camera.perspective() ? 1 : 0; }
-    [[nodiscard]] RasterKernel raster_kernel(bool asks, bool judged) const {
-        const std::array<std::uint32_t, 5> constants{static_cast<std::uint32_t>(slots_), asks ? 1U : 0U, judged ? 1U : 0U,
-                                                     ranked_ ? 1U : 0U, perspective()};
-        return {device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = constants}};
+    /// Made when it is first needed.
+    [[nodiscard]] const RasterKernel& raster_kernel(bool asks, bool judged, bool first) {
+        std::optional<RasterKernel>& kernel = raster_->kernels[(asks ? 1U : 0U) | (judged ? 2U : 0U) | (first ? 4U : 0U)];
+        if (kernel) return *kernel;
+        const auto flag = [](bool value) { return value ? 1U : 0U; };
+        const std::array<std::uint32_t, 6> constants{static_cast<std::uint32_t>(slots_), flag(asks), flag(judged), flag(ranked_),
+                                                     perspective(), flag(first)};
+        return kernel.emplace(device_, kVertexWords, kFragmentWords,
+                              KernelSettings{.push_bytes = sizeof(draw_), .constants = constants});
     }
 
     /// More fragments are at one depth of a pixel than there are slots.
@@ -508,22 +512,22 @@ private:
         commands_.barrier();
     }
 
-    [[nodiscard]] twin::PeelFlags pass(const Work& work) {
+    [[nodiscard]] twin::PeelFlags pass(const Work& work, bool first) {
         const auto width = static_cast<std::uint32_t>(scene_.camera.width());
         const auto rows = static_cast<std::uint32_t>(draw_.rows);
         commands_.fill(flags_, 0, flags_.bytes(), 0);
         commands_.barrier();
         commands_.begin_stage("peel");
-        const auto draw = [&](const RasterKernel& kernel, const twin::PeelDrawPush& push, std::span<const VertexRange> ranges) {
+        const auto draw = [&](bool asks, bool judged, const twin::PeelDrawPush& push, std::span<const VertexRange> ranges) {
             if (!ranges.empty())
-                commands_.draw(kernel, std::as_bytes(std::span(&push, 1)),
+                commands_.draw(raster_kernel(asks, judged, first), std::as_bytes(std::span(&push, 1)),
                                {push.viewport_x, push.viewport_y - push.first_row, side_, width, rows}, ranges);
         };
-        draw(raster_->plain, draw_, work.plain);
-        draw(raster_->asking, draw_, work.asking);
+        draw(false, false, draw_, work.plain);
+        draw(true, false, draw_, work.asking);
         twin::PeelDrawPush on_rows = draw_;  // a triangle over the pixels of a part is never cut
         on_rows.viewport_y = draw_.first_row - (static_cast<int>(side_) - draw_.rows) / 2;
-        draw(raster_->judged, on_rows, work.judged);
+        draw(true, true, on_rows, work.judged);
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
@@ -551,7 +555,7 @@ private:
     struct Raster {
         int slots;
         bool ranked;
-        RasterKernel plain, asking, judged;
+        std::array<std::optional<RasterKernel>, 8> kernels;  // asks, judged, first: bits
     };
     struct Shader {
         Output output;

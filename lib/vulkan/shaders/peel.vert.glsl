@@ -5,9 +5,7 @@
 #version 460
 #include "vulkan/shaders/peeling.glsl"
 
-layout(constant_id = 1) const uint kAsks = 0;
 layout(constant_id = 2) const uint kJudged = 0;
-layout(constant_id = 3) const uint kRanked = 0;
 
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Words { uint at[]; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Numbers { int at[]; };
@@ -17,8 +15,7 @@ layout(location = 0) flat out uvec4 plane_0;  // the triangle's PeelPlane, by it
 layout(location = 1) flat out uvec4 plane_1;
 layout(location = 2) flat out uvec4 plane_2;
 layout(location = 3) flat out uvec4 plane_3;
-layout(location = 4) flat out uvec2 plane_4;
-layout(location = 5) flat out uvec3 part_object_triangle;
+layout(location = 4) flat out uvec4 plane_4;  // its last double, the numbers of part and object
 
 uvec4 bits_of(double a, double b) { return uvec4(unpackDouble2x32(a), unpackDouble2x32(b)); }
 
@@ -56,19 +53,17 @@ void main() {
     gl_Position = vec4((float(x - left) + push.shift) * to_device - 1.0, float(y - top) * to_device - 1.0, 0.5, 1.0);
 
     // Of the first corner the flat outputs count.
-    part_object_triangle = uvec3(part_number, object & ~kPeelJudged, 0u);
     plane_0 = uvec4(0u);
     plane_1 = uvec4(0u);
     plane_2 = uvec4(0u);
     plane_3 = uvec4(0u);
-    plane_4 = uvec2(0u);
+    plane_4 = uvec4(0u);
     if (corner == 0u) {
-        if (kAsks != 0u || kRanked != 0u) part_object_triangle.z = Words(push.parts + 32ul * uint64_t(part_number)).at[6];
         PeelPlane plane = Planes(push.planes + 72ul * uint64_t(part_number)).at[0];
         plane_0 = bits_of(plane.base, plane.c0);
         plane_1 = bits_of(plane.cu, plane.cv);
         plane_2 = bits_of(plane.d0, plane.du);
         plane_3 = bits_of(plane.dv, plane.lo);
-        plane_4 = unpackDouble2x32(plane.hi);
+        plane_4 = uvec4(unpackDouble2x32(plane.hi), part_number, object & ~kPeelJudged);
     }
 }
