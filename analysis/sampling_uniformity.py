@@ -54,11 +54,16 @@ def draw_samplers(result: common.Result) -> None:
     lines, fast = (table[table.sampler == s].set_index("surface") for s in ("lines", "fast"))
     same = [s.replace("_", " ") for s in lines.index.intersection(fast.index, sort=False)
             if lines.chi2[s] == fast.chi2[s] and lines.neighbour[s] == fast.neighbour[s]]
+    right = table[~table.sampler.str.contains("twin")]
+    beyond = right[(right.chi2 / right.dof < lo) | (right.chi2 / right.dof > hi)]
+    outside = "; ".join(f"{NAMES.get(r.sampler, r.sampler)} on the {r.surface.replace('_', ' ')} ({r.chi2 / r.dof:.2f})".replace("\n", " ")
+                        for r in beyond.itertuples())
     common.save(fig, result.folder, "samplers", caption=(
         f"Every sampler judged against random lines that the truth traces: {int(dof) + 1} cells of equal area, "
         f"{table.points.iloc[0]:.3g} particles a row; bars one standard error. All hits of a line in one repeat are as uniform as "
         "any, but come in bunches: their numbers give them away. Stratified particles are seen through pixels so small that "
         "hardly any holds two, where they are Poisson like the others. "
+        + (f"Outside of the band: {outside}; triangles and leaves are flat, which shows near nodes. " if outside else "")
         + (f"Fast lines differ from exact ones only where a line may cross a block more than once: their particles are the same on the "
            f"{' and the '.join(same)}. " if same else "") + "Rates: "
         f"{result.summary['host']['cpu']}, {result.summary['host']['threads']} threads."))
@@ -100,6 +105,7 @@ def draw_walks(result: common.Result) -> None:
     axes[2].set(xlabel="walkers of a repeat", ylabel="particles for one independent one", title="correlation over walkers")
     axes[3].set(xlabel="√(2Δt) over the surface's width", ylabel="independent particles a second", title="what it is worth")
     axes[0].legend(loc="best")
+    axes[1].legend(loc="best")
     twins = table[table.walk.str.startswith("twin") & (table.surface == "sphere")]
     said = "; ".join(f"{w.walk.removeprefix('twin: ')}: |z| = {abs(w.cosine_z):.0f}" for w in twins.itertuples())
     row = base.iloc[0]

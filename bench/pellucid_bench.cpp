@@ -297,6 +297,14 @@ void sample_by(benchmark::State& state) {
     state.counters["trials"] = rate(done(state) * static_cast<std::uint64_t>(trials * repeats));
 }
 
+/// An MPU surface from points in memory: octree and fits.
+void fit_points(benchmark::State& state) {
+    constexpr int kPoints = 360'000;
+    static const std::vector<OrientedPoint> points = points_on_wavy_ball(kPoints);
+    for (auto _ : state) benchmark::DoNotOptimize(MpuField(points).leaves().data());
+    state.counters["points"] = rate(done(state) * kPoints);
+}
+
 [[nodiscard]] PreparedScene nested_spheres_in_full() { return nested_spheres(kImageSize, 0.005); }
 
 [[nodiscard]] PreparedScene barth_sextic_in_full() { return barth_sextic(kImageSize); }
@@ -538,6 +546,7 @@ void register_all() {
     once(RegisterBenchmark("sample/isosurface", sample<wavy_ball<Interpolation::trilinear>, LineMode::exact>));
     once(RegisterBenchmark("sample/catmull_rom", sample<wavy_ball<Interpolation::catmull_rom>, LineMode::exact>));
     once(RegisterBenchmark("sample/points", sample<wavy_points, LineMode::exact>));
+    once(RegisterBenchmark("points/fit", fit_points));
     if (std::filesystem::exists(kHeadFile)) {
         once(RegisterBenchmark("sample/head", sample<head<Interpolation::trilinear>, LineMode::exact>));
         once(RegisterBenchmark("sample/head_catmull_rom", sample<head<Interpolation::catmull_rom>, LineMode::exact>));

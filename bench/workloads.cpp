@@ -209,27 +209,33 @@ PreparedScene transparent_cube(const CubeSettings& settings) {
     return prepare(scene);
 }
 
-PreparedScene wavy_points() {
-    const TemporaryFolder scratch;
+std::vector<OrientedPoint> points_on_wavy_ball(int count) {
     const auto radius = [](const Vec3& p) { return 1 + 0.05 * std::sin(9 * p.x) * std::sin(8 * p.y) * std::sin(7 * p.z); };
     const auto field = [&](const Vec3& p) { return length(p) - radius(normalize(p)); };
+    std::vector<OrientedPoint> points;
+    for (int i = 0; i < count; ++i) {
+        const double z = 1 - (2.0 * i + 1) / count;
+        const double angle = 2.399963229728653 * i;  // Fibonacci's
+        const Vec3 way(std::sqrt(1 - z * z) * std::cos(angle), std::sqrt(1 - z * z) * std::sin(angle), z);
+        const Vec3 p = radius(way) * way;
+        Vec3 normal;
+        for (int axis = 0; axis < 3; ++axis) {
+            Vec3 step(0.0);
+            step[axis] = 1e-5;
+            normal[axis] = field(p + step) - field(p - step);
+        }
+        points.push_back({p, normal});
+    }
+    return points;
+}
+
+PreparedScene wavy_points() {
+    const TemporaryFolder scratch;
     {
-        constexpr int kPoints = 120'000;
         std::ofstream out(scratch.path() / "ball.xyz");
         out.precision(9);
-        for (int i = 0; i < kPoints; ++i) {
-            const double z = 1 - (2.0 * i + 1) / kPoints;
-            const double angle = 2.399963229728653 * i;  // Fibonacci's
-            const Vec3 way(std::sqrt(1 - z * z) * std::cos(angle), std::sqrt(1 - z * z) * std::sin(angle), z);
-            const Vec3 p = radius(way) * way;
-            out << p.x << ' ' << p.y << ' ' << p.z;
-            for (int axis = 0; axis < 3; ++axis) {
-                Vec3 step(0.0);
-                step[axis] = 1e-5;
-                out << ' ' << field(p + step) - field(p - step);
-            }
-            out << '\n';
-        }
+        for (const auto& [p, n] : points_on_wavy_ball(120'000))
+            out << p.x << ' ' << p.y << ' ' << p.z << ' ' << n.x << ' ' << n.y << ' ' << n.z << '\n';
     }
     Scene scene = empty_scene(kImageSize, {1.5, 2, 4.5});
     scene.surfaces.push_back(glossy("points", PointsShape{scratch.path() / "ball.xyz"}));

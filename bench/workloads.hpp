@@ -2,7 +2,9 @@
 #pragma once
 
 #include <cstdint>
+#include <vector>
 
+#include "field/mpu.hpp"
 #include "io/mesh_file.hpp"
 #include "scene/prepared_scene.hpp"
 
@@ -38,7 +40,9 @@ inline constexpr int kCubeSamples = 256;
 inline constexpr int kCubePixels = 512;
 [[nodiscard]] std::uint8_t cube_value(int i, int j, int k);
 [[nodiscard]] PreparedScene transparent_cube(const CubeSettings& settings);
-/// MPU surface through 120 000 points on a wavy ball.
+/// Points on a wavy ball with normals of any length, evenly spread.
+[[nodiscard]] std::vector<OrientedPoint> points_on_wavy_ball(int count);
+/// MPU surface through 120 000 of them.
 [[nodiscard]] PreparedScene wavy_points();
 
 }  // namespace pellucid::bench

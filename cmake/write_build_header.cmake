@@ -9,7 +9,8 @@ if(GIT)
                     OUTPUT_VARIABLE answer RESULT_VARIABLE failed ERROR_QUIET)
     if(NOT failed AND answer MATCHES "^\n([0-9a-f]+)\n$")
         set(commit ${CMAKE_MATCH_1})
-        execute_process(COMMAND ${GIT} status --porcelain --untracked-files=no WORKING_DIRECTORY ${SOURCE}
+        # Kept figures under results/ are no source: drawing one does not make the next run dirty.
+        execute_process(COMMAND ${GIT} status --porcelain --untracked-files=no -- . :!results WORKING_DIRECTORY ${SOURCE}
                         OUTPUT_VARIABLE changes ERROR_QUIET)
         if(changes)
             string(APPEND commit "-dirty")

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-WORK = ("particles", "trials", "hits", "rays", "samples", "blocks", "merges")  # the benchmarks' counters, per second
+WORK = ("particles", "trials", "steps", "points", "hits", "rays", "samples", "blocks", "merges")  # the benchmarks' counters, per second
 SECONDS = ("s", "s/block")
 BOOTSTRAPS = 4000
 
@@ -44,6 +44,11 @@ RATIOS = (
     Ratio("Vulkan: the same with all copies", "particles", "vulkan/ensemble_5e7_with_copies", "vulkan/probe"),
     Ratio("sampling a torus, of bare lines", "particles", "sample/torus", "sample/probe", at_least=0.3),
     Ratio("sampling a torus in fast mode, of bare lines", "particles", "sample/torus_fast_mode", "sample/probe"),
+    Ratio("Brownian steps on a torus, of bare steps", "steps", "walk/torus", "walk/probe", at_least=0.25),
+    Ratio("sampling a torus by triangles, of copying", "particles", "sample/torus_mesh", "sample/copy", at_least=0.25),
+    Ratio("sampling a torus by triangles, of bare lines", "particles", "sample/torus_mesh", "sample/probe"),
+    Ratio("sampling a torus by octree leaves, of bare lines", "particles", "sample/torus_octree", "sample/probe"),
+    Ratio("sampling points (MPU), of bare lines", "particles", "sample/points", "sample/probe", at_least=0.02),
     Ratio("sampling a sextic formula, of bare lines through a torus", "particles", "sample/sextic", "sample/probe",
           at_least=0.25),
     Ratio("sampling a sextic formula, of bare lines through it", "particles", "sample/sextic", "sample/sextic_probe"),
@@ -82,6 +87,7 @@ class Level:
 
 
 LEVELS = (
+    Level("points fitted a second (30 µs each)", "points", "points/fit", at_least=1 / 30e-6),
     Level("merges of slabs a second", "merges", "slabs/merge", at_least=1e8),
     # Half of what VTK 9.1 took for the exact dual depth peeling of eight spheres of 100 k triangles at 1024².
     Level("peeling eight spheres, s", "s", "surfaces/peel_eight_spheres", at_most=2.1 / 2),

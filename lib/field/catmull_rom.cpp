@@ -294,6 +294,12 @@ SurfaceCell CatmullRomCells::cell(std::size_t index) const {
     return {true, look.gradient, {base + look.tight.lo, base + look.tight.hi}};
 }
 
+Box CatmullRomCells::box(std::size_t index) const {
+    const Place at = place(index);
+    const Vec3 base(at.base[0], at.base[1], at.base[2]);
+    return {base + at.lo, base + at.hi};
+}
+
 int CatmullRomCells::most_roots(std::size_t index, int axis) const {
     const Place at = place(index);
     const Tricubic f = Tricubic::in_cell(field_.volume().samples_around(at.base), field_.isovalue());

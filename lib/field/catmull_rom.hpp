@@ -34,6 +34,7 @@ public:
 
     [[nodiscard]] std::size_t count() const override { return cells_.size(); }
     [[nodiscard]] SurfaceCell cell(std::size_t index) const override;
+    [[nodiscard]] Box box(std::size_t index) const override;
     [[nodiscard]] bool excludes(const Box& box) const override { return field_.excludes(box); }
     void cross(std::size_t index, const Vec3& origin, const Vec3& direction, double t_lo, double t_hi,
                std::vector<FieldRoot>& roots, IsolationStats& stats) const override;

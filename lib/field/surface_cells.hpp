@@ -58,6 +58,8 @@ public:
     virtual ~SurfaceCells() = default;
     [[nodiscard]] virtual std::size_t count() const = 0;
     [[nodiscard]] virtual SurfaceCell cell(std::size_t index) const = 0;
+    /// Holds cell(index).tight, and costs nothing.
+    [[nodiscard]] virtual Box box(std::size_t index) const { return cell(index).tight; }
     /// True where f surely has no root in a box.
     [[nodiscard]] virtual bool excludes(const Box& box) const = 0;
     /// Appends the roots in one cell with t in [t_lo, t_hi], ascending. Of the cells along a line each root is in one.

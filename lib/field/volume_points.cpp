@@ -55,36 +55,40 @@ std::vector<OrientedPoint> isosurface_points(const VoxelGrid& grid, double isova
     return points;
 }
 
-VoxelGrid label_mask(const VoxelGrid& labels, float label, double sigma) {
-    VoxelGrid mask = labels;
-    for (float& v : mask.values) v = v == label ? 1.0F : 0.0F;
+VoxelGrid blurred(VoxelGrid grid, double sigma) {
     const int radius = static_cast<int>(std::ceil(3 * sigma));
-    if (radius == 0) return mask;
+    if (radius == 0) return grid;
     std::vector<double> weights;
     double sum = 0;
     for (int i = -radius; i <= radius; ++i) sum += weights.emplace_back(std::exp(-0.5 * i * i / (sigma * sigma)));
     // One axis after the other; what lies beyond the border is 0.
-    std::vector<float> next(mask.values.size());
+    std::vector<float> next(grid.values.size());
     for (std::size_t axis = 0; axis < 3; ++axis) {
-        parallel_for(static_cast<std::size_t>(mask.size[2]), 1, [&](std::size_t begin, std::size_t end) {
+        parallel_for(static_cast<std::size_t>(grid.size[2]), 1, [&](std::size_t begin, std::size_t end) {
             for (std::size_t k = begin; k < end; ++k)
-                for (int j = 0; j < mask.size[1]; ++j)
-                    for (int i = 0; i < mask.size[0]; ++i) {
+                for (int j = 0; j < grid.size[1]; ++j)
+                    for (int i = 0; i < grid.size[0]; ++i) {
                         std::array<int, 3> at{i, j, static_cast<int>(k)};
                         const int middle = at[axis];
                         double value = 0;
                         for (int step = -radius; step <= radius; ++step) {
                             at[axis] = middle + step;
-                            if (at[axis] < 0 || at[axis] >= mask.size[axis]) continue;
+                            if (at[axis] < 0 || at[axis] >= grid.size[axis]) continue;
                             value += weights[static_cast<std::size_t>(step + radius)] *
-                                     static_cast<double>(mask.at(at[0], at[1], at[2]));
+                                     static_cast<double>(grid.at(at[0], at[1], at[2]));
                         }
-                        next[mask.index(i, j, static_cast<int>(k))] = static_cast<float>(value / sum);
+                        next[grid.index(i, j, static_cast<int>(k))] = static_cast<float>(value / sum);
                     }
         });
-        std::swap(mask.values, next);
+        std::swap(grid.values, next);
     }
-    return mask;
+    return grid;
+}
+
+VoxelGrid label_mask(const VoxelGrid& labels, float label, double sigma) {
+    VoxelGrid mask = labels;
+    for (float& v : mask.values) v = v == label ? 1.0F : 0.0F;
+    return blurred(std::move(mask), sigma);
 }
 
 }  // namespace pellucid

@@ -12,7 +12,11 @@ namespace pellucid {
 /// linear; normals towards smaller values, by central differences. World. None beside samples that are not numbers.
 [[nodiscard]] std::vector<OrientedPoint> isosurface_points(const VoxelGrid& grid, double isovalue);
 
-/// 1 where the sample is `label`, else 0, blurred by a Gaussian: its isosurface at ½ is the label's smooth border.
+/// By a Gaussian; what lies beyond the border is 0.
+///   sigma  in samples, >= 0
+[[nodiscard]] VoxelGrid blurred(VoxelGrid grid, double sigma);
+
+/// 1 where the sample is `label`, else 0, blurred: its isosurface at ½ is the label's smooth border.
 ///   sigma  in samples, >= 0
 [[nodiscard]] VoxelGrid label_mask(const VoxelGrid& labels, float label, double sigma);
 

@@ -24,6 +24,10 @@
 
 namespace pellucid {
 
+/// Places as kernels keep them.
+[[nodiscard]] inline std::array<double, 3> triple(const Vec3& v) { return {v.x, v.y, v.z}; }
+[[nodiscard]] inline Vec3 vector(const std::array<double, 3>& v) { return {v[0], v[1], v[2]}; }
+
 /// Camera and opacity law as the trials need them, for one object.
 struct LineView {
     bool perspective = true;

@@ -47,7 +47,6 @@
 namespace pellucid {
 
 class LineSampler final : public ParticleSource {
-    struct Doubts;
 
 public:
     /// Cuts the surface into pieces for the view: what is surely out of view or empty is left out, and
@@ -122,6 +121,16 @@ private:
         BoxLines box;
     };
     struct Weights;
+    struct Doubts {
+        std::atomic<std::uint64_t> undecided = 0, touching = 0, poles = 0, exact = 0;
+
+        void add(const IsolationStats& more) {
+            if (more.undecided != 0) undecided += more.undecided;
+            if (more.touching != 0) touching += more.touching;
+            if (more.poles != 0) poles += more.poles;
+            if (more.exact != 0) exact += more.exact;
+        }
+    };
     /// The random numbers of a trial: two blocks of the counter.
     struct Bits;
 
@@ -133,7 +142,8 @@ private:
     double add_cell(std::uint32_t patch, const Body& body, double least_depth, double least_area,
                     Weights& weights);
     void add_fields(const SurfaceCells& cells, Weights& weights);
-    double add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell, const Box& box, int depth, Weights& weights);
+    double add_field(const SurfaceCells& cells, std::uint32_t index, const SurfaceCell& cell, const Box& box, int depth,
+                     Weights& weights) const;
     [[nodiscard]] double field_reach(const SurfaceCell& cell, const Box& box, std::size_t axis) const;
     void add_blocks(Kind kind, int axis, int labels, std::size_t offset, std::span<const double> weights);
 

@@ -7,6 +7,7 @@
 #include <numeric>
 #include <optional>
 
+#include "core/box_corners.hpp"
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "field/safeguarded_newton.hpp"
@@ -321,13 +322,9 @@ struct Polygon {
 /// The plane normal·(x − at) = 0 within a box: a convex polygon.
 [[nodiscard]] Polygon cut_box(const Box& box, const Vec3& at, const Vec3& normal) {
     Polygon polygon;
+    const std::array<Vec3, 8> corner = corners_of(box);
     double height[8];
-    Vec3 corner[8];
-    for (unsigned i = 0; i < 8; ++i) {
-        corner[i] = {(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y,
-                     (i & 4U) != 0 ? box.hi.z : box.lo.z};
-        height[i] = dot(normal, corner[i] - at);
-    }
+    for (unsigned i = 0; i < 8; ++i) height[i] = dot(normal, corner[i] - at);
     for (unsigned i = 0; i < 8; ++i)
         for (unsigned bit = 1; bit < 8; bit <<= 1U) {
             const unsigned j = i | bit;
@@ -438,11 +435,9 @@ private:
         Vec3 at = middle;
         if (move_to_surface(surface_, leaf_, at)) consider(at);
         if (best) return best;
-        Vec3 corner[8];
+        const std::array<Vec3, 8> corner = corners_of(box);
         double value[8];
         for (unsigned i = 0; i < 8; ++i) {
-            corner[i] = {(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y,
-                         (i & 4U) != 0 ? box.hi.z : box.lo.z};
             value[i] = surface_.field->value(corner[i]);
             Vec3 place = corner[i];
             if (move_to_surface(surface_, leaf_, place)) consider(place);

@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/box_corners.hpp"
+
 namespace pellucid {
 
 bool TileMask::any() const {
@@ -26,9 +28,7 @@ void TileMask::drop_others(std::vector<Particle>& particles, std::vector<std::ui
 
 bool TileMask::touches(const Box& box, const Camera& camera) const {
     Vec2 lo(kInfinity), hi(-kInfinity);
-    for (int i = 0; i < 8; ++i) {
-        const Vec3 corner((i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
-                          (i & 4) != 0 ? box.hi.z : box.lo.z);
+    for (const Vec3& corner : corners_of(box)) {
         const Vec3 view = camera.to_view(corner);
         if (camera.perspective() && !(view.z > camera.near() * 1e-3)) return true;
         const Vec2 pixel = camera.project(view);

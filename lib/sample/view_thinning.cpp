@@ -3,6 +3,8 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/box_corners.hpp"
+
 namespace pellucid {
 namespace {
 
@@ -12,11 +14,7 @@ constexpr int kMostCuts = 12;
 
 /// Least s over the parts of a box that may hold a part of the surface in view.
 void find_least(const FieldSurface& surface, const Box& box, const Camera& camera, int depth, double& least) {
-    std::array<Vec3, 8> corners;
-    for (std::size_t i = 0; i < 8; ++i)
-        corners[i] = surface.to_world.point({(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y,
-                                             (i & 4U) != 0 ? box.hi.z : box.lo.z});
-    const auto range = camera.pixel_area_range(corners.data(), 8);
+    const auto range = camera.pixel_area_range(corners_of(surface.to_world, box).data(), 8);
     if (!range || range->least >= least || surface.field->excludes(box)) return;
     if (depth == kMostCuts || range->most <= kEvenEnough * range->least) {
         least = range->least;
@@ -44,11 +42,7 @@ ViewThinning::ViewThinning(const Object& object, const Camera& camera)
     if (const auto surface = object.geometry->field_surface()) {
         find_least(*surface, surface->bounds, camera, 0, least);
     } else {
-        const Box box = object.geometry->bounds();
-        std::array<Vec3, 8> corners;
-        for (std::size_t i = 0; i < 8; ++i)
-            corners[i] = {(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y,
-                          (i & 4U) != 0 ? box.hi.z : box.lo.z};
+        const auto corners = corners_of(object.geometry->bounds());
         if (const auto range = camera.pixel_area_range(corners.data(), 8)) least = range->least;
     }
     // A hair less: what lies in a face of its box is not beyond it by rounding.

@@ -6,6 +6,7 @@
 
 #include <fmt/format.h>
 
+#include "core/box_corners.hpp"
 #include "core/parallel.hpp"
 #include "sample/edge_lines.hpp"
 #include "scene/shading.hpp"
@@ -114,14 +115,6 @@ private:
         return box;
     }
 
-    [[nodiscard]] int corners(const Box& box, std::array<Vec3, 8>& out) const {
-        const Affine& to_world = volume_.to_world();
-        for (std::size_t i = 0; i < 8; ++i)
-            out[i] = to_world.point({(i & 1U) != 0 ? box.hi.x : box.lo.x, (i & 2U) != 0 ? box.hi.y : box.lo.y,
-                                     (i & 4U) != 0 ? box.hi.z : box.lo.z});
-        return 8;
-    }
-
     /// Whether all, none or some of the corners are kept by the clip planes: 1, −1, 0.
     [[nodiscard]] int clipped(const std::array<Vec3, 8>& corner) const {
         bool whole = true;
@@ -143,8 +136,8 @@ private:
         Node own = above;
         bool must = false;
         if (!above.even) {
-            std::array<Vec3, 8> corner;
-            const auto area = source_.scene_->camera.pixel_area_range(corner.data(), corners(box, corner));
+            const std::array<Vec3, 8> corner = corners_of(volume_.to_world(), box);
+            const auto area = source_.scene_->camera.pixel_area_range(corner.data(), 8);
             const int kept = clipped(corner);
             if (!area || kept < 0) return 0;
             own.least_area = area->least;
@@ -179,9 +172,9 @@ private:
             pieces.push_back(source_.piece_of(box, most, above.least_area));
             return source_.pixels_of(pieces.back());
         }
-        std::array<Vec3, 8> corner;
+        const std::array<Vec3, 8> corner = corners_of(volume_.to_world(), box);
         const Camera& camera = source_.scene_->camera;
-        const auto area = camera.pixel_area_range(corner.data(), corners(box, corner));
+        const auto area = camera.pixel_area_range(corner.data(), 8);
         if (!area || clipped(corner) < 0) return 0;
         const Piece piece = source_.piece_of(box, most, area->least);
         const double whole = source_.pixels_of(piece);
@@ -377,16 +370,12 @@ std::optional<VolumeSource::Point> VolumeSource::trial(Seed seed, std::uint32_t 
 }
 
 std::optional<Box> VolumeSource::block_bounds(std::size_t block) const {
-    Box box, world;
+    Box box;
     for (std::size_t i = blocks_[block].first; i < blocks_[block].first + blocks_[block].count; ++i) {
         box.include(pieces_[i].lo);
         box.include(pieces_[i].lo + pieces_[i].size);
     }
-    for (int i = 0; i < 8; ++i)
-        world.include(
-            volume_->to_world().point({(i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
-                                       (i & 4) != 0 ? box.hi.z : box.lo.z}));
-    return world;
+    return bounds_of(volume_->to_world(), box);
 }
 
 std::size_t VolumeSource::bytes() const {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/box_corners.hpp"
 #include "core/error.hpp"
 
 namespace pellucid {
@@ -29,9 +30,7 @@ Camera::Camera(const CameraSettings& settings, const ImageSettings& image, const
     double nearest = kInfinity;
     double farthest = -kInfinity;
     if (!visible.empty()) {
-        for (int i = 0; i < 8; ++i) {
-            const Vec3 p((i & 1) != 0 ? visible.hi.x : visible.lo.x, (i & 2) != 0 ? visible.hi.y : visible.lo.y,
-                         (i & 4) != 0 ? visible.hi.z : visible.lo.z);
+        for (const Vec3& p : corners_of(visible)) {
             nearest = std::min(nearest, to_view(p).z);
             farthest = std::max(farthest, to_view(p).z);
         }

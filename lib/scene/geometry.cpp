@@ -24,6 +24,21 @@ int Body::vertices(std::span<Vec3, 8> out) const {
     return 8;
 }
 
+Box Body::bounds() const {
+    std::array<Vec3, 8> corners;
+    const int count = vertices(corners);
+    Box box;
+    for (int i = 0; i < count; ++i) box.include(corners[static_cast<std::size_t>(i)]);
+    return box;
+}
+
+Body body_of(const Box& box, const Affine& to_world) {
+    const Vec3 size = box.size();
+    return {Body::Kind::parallelepiped,
+            to_world.point(box.lo),
+            {size.x * to_world.linear[0], size.y * to_world.linear[1], size.z * to_world.linear[2]}};
+}
+
 double Body::crofton_area() const {
     const double first = length(cross(edge[0], edge[1]));
     if (kind == Kind::triangle) return 0.5 * first;

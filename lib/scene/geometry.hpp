@@ -41,10 +41,14 @@ struct Body {
     [[nodiscard]] bool flat() const { return kind != Kind::parallelepiped; }
     /// Writes the 3, 4 or 8 vertices and returns how many.
     int vertices(std::span<Vec3, 8> out) const;
+    [[nodiscard]] Box bounds() const;
     /// Flat: its area. Else half of its surface. Half the expected crossings of the body by the lines
     /// that meet it times this is the area of whatever lies inside (Cauchy-Crofton).
     [[nodiscard]] double crofton_area() const;
 };
+
+/// A box of a space that a map carries into the world.
+[[nodiscard]] Body body_of(const Box& box, const Affine& to_world);
 
 /// Where a line crosses a surface.
 struct Crossing {

@@ -22,10 +22,7 @@ public:
     /// then inside the body, and not lost where rounding puts the body's face before it.
     [[nodiscard]] Body body(std::size_t) const override {
         const Vec3 room(kRoom * length(bounds_.size()));
-        const Vec3 size = bounds_.size() + 2.0 * room;
-        return {Body::Kind::parallelepiped,
-                to_world_.point(bounds_.lo - room),
-                {size.x * to_world_.linear[0], size.y * to_world_.linear[1], size.z * to_world_.linear[2]}};
+        return body_of({bounds_.lo - room, bounds_.hi + room}, to_world_);
     }
 
     int crossings(std::size_t, const Line& line, CrossingList& out) const override {
@@ -75,13 +72,7 @@ public:
         return field_.excludes(box);
     }
 
-    [[nodiscard]] Box bounds() const override {
-        std::array<Vec3, 8> corners;
-        const int count = body(0).vertices(corners);
-        Box box;
-        for (int i = 0; i < count; ++i) box.include(corners[static_cast<std::size_t>(i)]);
-        return box;
-    }
+    [[nodiscard]] Box bounds() const override { return body(0).bounds(); }
     [[nodiscard]] std::size_t bytes() const override { return sizeof(*this); }
 
 private:

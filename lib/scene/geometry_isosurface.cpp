@@ -136,11 +136,7 @@ public:
 
     [[nodiscard]] Box bounds() const override {
         Box box;
-        std::array<Vec3, 8> corners;
-        for (std::size_t patch = 0; patch < cells_.size(); ++patch) {
-            const int count = body(patch).vertices(corners);
-            for (int i = 0; i < count; ++i) box.include(corners[static_cast<std::size_t>(i)]);
-        }
+        for (std::size_t patch = 0; patch < cells_.size(); ++patch) box.include(body(patch).bounds());
         return box;
     }
     [[nodiscard]] std::size_t bytes() const override {

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "core/box_corners.hpp"
 #include "core/error.hpp"
 
 namespace pellucid {
@@ -42,11 +43,7 @@ namespace {
 void warn_if_cut(const Scene& scene, const Camera& camera, const Box& box, const std::string& label) {
     if (box.empty()) return;
     double nearest = kInfinity;
-    for (int i = 0; i < 8; ++i) {
-        const Vec3 corner((i & 1) != 0 ? box.hi.x : box.lo.x, (i & 2) != 0 ? box.hi.y : box.lo.y,
-                          (i & 4) != 0 ? box.hi.z : box.lo.z);
-        nearest = std::min(nearest, camera.to_view(corner).z);
-    }
+    for (const Vec3& corner : corners_of(box)) nearest = std::min(nearest, camera.to_view(corner).z);
     if (nearest > std::max(0.0, scene.camera.near.value_or(0)) && nearest < camera.near())
         warn("{}: cut off nearer than {:.3g}: 1e-9 of the scene's size is the least near", label, camera.near());
 }

@@ -5,6 +5,7 @@
 #include <cmath>
 #include <limits>
 
+#include "core/box_corners.hpp"
 #include "core/error.hpp"
 #include "core/parallel.hpp"
 #include "field/expression.hpp"
@@ -114,10 +115,7 @@ VolumeObject::VolumeObject(const Volume& volume)
             volume.name, size[0], size[1], size[2]);
         return;
     }
-    const Vec3 hi = field_.hull().hi;
-    for (int i = 0; i < 8; ++i)
-        bounds_.include(
-            to_world_.point({(i & 1) != 0 ? hi.x : 0, (i & 2) != 0 ? hi.y : 0, (i & 4) != 0 ? hi.z : 0}));
+    bounds_ = bounds_of(to_world_, field_.hull());
     find_blocks();
 }
 

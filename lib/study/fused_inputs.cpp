@@ -100,8 +100,11 @@ void write_needle(const fs::path& folder) {
 
 void write_fused_inputs(const std::string& name, const fs::path& templates, const fs::path& folder) {
     if (name == "organs") write_organs(templates, folder);
-    if (name == "scan_and_wave")
-        write_points(isosurface_points(read_volume(templates / "ch2bet.nii.gz"), 55), folder / "brain.ply");
+    if (name == "scan_and_wave") {
+        // Raw, the border has noise and folds of one voxel, which no scanner of surfaces sees.
+        constexpr double kBlur = 2;
+        write_points(isosurface_points(blurred(read_volume(templates / "ch2bet.nii.gz"), kBlur), 50), folder / "brain.ply");
+    }
     if (name == "dose") write_dose(folder);
     if (name == "slice") write_needle(folder);
 }

@@ -9,6 +9,7 @@
 
 #include <unistd.h>
 
+#include "core/box_corners.hpp"
 #include "core/error.hpp"
 
 namespace pellucid {
@@ -29,9 +30,7 @@ void add_quad(TriangleMesh& mesh, std::uint32_t a, std::uint32_t b, std::uint32_
 /// Box lo … hi.
 void add_box(TriangleMesh& mesh, const Vec3& lo, const Vec3& hi) {
     const std::uint32_t first = index(mesh.positions.size());
-    for (int i = 0; i < 8; ++i)
-        mesh.positions.emplace_back((i & 1) != 0 ? hi.x : lo.x, (i & 2) != 0 ? hi.y : lo.y,
-                                    (i & 4) != 0 ? hi.z : lo.z);
+    for (const Vec3& corner : corners_of({lo, hi})) mesh.positions.push_back(corner);
     const std::array<std::array<std::uint32_t, 4>, 6> faces{
         {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4}, {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}}};
     for (const auto& f : faces) add_quad(mesh, first + f[0], first + f[1], first + f[2], first + f[3]);
