@@ -30,6 +30,8 @@
 #include "sample/particle_sampler.hpp"
 #include "stage/slab_compression.hpp"
 #include "vulkan/particles.hpp"
+#include "vulkan/peeling.hpp"
+#include "vulkan/surface_drawer.hpp"
 
 namespace pellucid::bench {
 namespace {
@@ -158,6 +160,69 @@ void draw_on_vulkan(benchmark::State& state) {
         state.SetIterationTime(wall ? passed.count() : device_s() - before);
     }
     state.counters["particles"] = rate(done(state) * d.particles.count());
+}
+
+/// What depth peeling on Vulkan works on: triangles of the scene, and as the probe draws them.
+struct PeelWork {
+    PreparedScene scene = eight_spheres(kImageSize);
+    SceneMeshes meshes{scene, {}};
+    [[nodiscard]] std::vector<VulkanRasterProbe::Corner> corners() const {
+        std::vector<VulkanRasterProbe::Corner> all;
+        std::uint32_t number = 0;
+        for (const ObjectMesh& object : meshes.objects())
+            for (const auto& triangle : object.mesh->triangles) {
+                for (const std::uint32_t i : triangle) {
+                    const Vec2 place = scene.camera.project(object.view[i]) * (2.0 / kImageSize) - 1.0;
+                    all.push_back({static_cast<float>(place.x), static_cast<float>(place.y),
+                                   static_cast<float>(object.view[i].z), number});
+                }
+                ++number;
+            }
+        return all;
+    }
+};
+[[nodiscard]] const PeelWork& peel_work() {
+    static const PeelWork work;
+    return work;
+}
+
+void vulkan_raster_probe(benchmark::State& state) {
+    static VulkanRasterProbe probe(device(), peel_work().corners(), kImageSize);
+    for (auto _ : state) state.SetIterationTime(probe.run());
+    state.counters["triangles"] = rate(done(state) * peel_work().meshes.triangle_count());
+}
+
+/// One pass that keeps the nearest `slots` of each pixel, by the device's clock: no shading.
+template <int slots>
+void vulkan_peel_pass(benchmark::State& state) {
+    const PeelWork& work = peel_work();
+    static vulkan::Peeler peeler(device(), work.scene, work.meshes, {.targets = slots, .thickness = false});
+    const auto peel_s = [] {
+        double sum = 0;
+        for (const StageTime& time : peeler.device_times()) sum += time.name == "peel" ? time.device_s : 0;
+        return sum;
+    };
+    for (auto _ : state) {
+        const double before = peel_s();
+        (void)peeler.peel(all_objects(work.meshes), {.layers = slots, .thickness = false}, [](const vulkan::PeeledTargets&) {});
+        state.SetIterationTime(peel_s() - before);
+    }
+    state.counters["triangles"] = rate(done(state) * work.meshes.triangle_count());
+}
+
+/// All layers to one colour a pixel, by the host's clock, triangles aside.
+void vulkan_depth_peeling(benchmark::State& state) {
+    const PeelWork& work = peel_work();
+    static const auto drawer = vulkan::make_surface_drawer(device(), work.scene, work.meshes);
+    std::uint64_t fragments = 0;
+    for (auto _ : state) {
+        SurfaceDrawStats stats;
+        const auto start = std::chrono::steady_clock::now();
+        benchmark::DoNotOptimize(drawer->draw({}, stats).plane("A").data());
+        state.SetIterationTime(std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count());
+        fragments += stats.fragments;
+    }
+    state.counters["fragments"] = rate(fragments);
 }
 
 // ---- Sampling ---------------------------------------------------------------------------------
@@ -460,6 +525,10 @@ void register_all() {
         by_own_clock(RegisterBenchmark("vulkan/winners_5e7", winners_on_vulkan));
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7", draw_on_vulkan<false>));
         by_own_clock(RegisterBenchmark("vulkan/ensemble_5e7_with_copies", draw_on_vulkan<true>));
+        by_own_clock(RegisterBenchmark("vulkan/raster_probe", vulkan_raster_probe));
+        by_own_clock(RegisterBenchmark("vulkan/peel_pass_1", vulkan_peel_pass<1>));
+        by_own_clock(RegisterBenchmark("vulkan/peel_pass_8", vulkan_peel_pass<8>));
+        by_own_clock(RegisterBenchmark("vulkan/depth_peeling", vulkan_depth_peeling));
     }
     thrice(RegisterBenchmark("sample/probe", lines_probe<TorusLinesProbe>));
     once(RegisterBenchmark("sample/copy", copy_probe));

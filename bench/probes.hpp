@@ -4,6 +4,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <span>
 #include <vector>
 
 #include "io/mesh_file.hpp"
@@ -45,6 +46,25 @@ private:
     vulkan::Kernel kernel_;
     vulkan::Commands commands_;
     vulkan::Buffer points_, keys_;
+};
+
+/// Triangles on Vulkan: corners from a buffer, one 64-bit minimum a fragment, the nearest wins.
+class VulkanRasterProbe {
+public:
+    struct Corner {
+        float x, y, z;  // normalised device coordinates of an image of size²; z > 0
+        std::uint32_t payload;
+    };
+    /// Three corners each.
+    VulkanRasterProbe(const vulkan::Device& device, std::span<const Corner> corners, int size);
+    /// Clears and draws all triangles; seconds by the device's clock.
+    double run();
+
+private:
+    std::uint32_t count_, size_;
+    vulkan::RasterKernel kernel_;
+    vulkan::Commands commands_;
+    vulkan::Buffer corners_, keys_;
 };
 
 /// All hits of coherent primary rays with triangles: Embree with a 16-wide context filter that keeps

@@ -5,7 +5,8 @@
 find_program(GLSLC glslc REQUIRED)
 file(GLOB PELLUCID_SHADERS CONFIGURE_DEPENDS ${CMAKE_CURRENT_SOURCE_DIR}/lib/vulkan/shaders/*.comp.glsl
      ${CMAKE_CURRENT_SOURCE_DIR}/lib/vulkan/shaders/*.vert.glsl ${CMAKE_CURRENT_SOURCE_DIR}/lib/vulkan/shaders/*.frag.glsl
-     ${CMAKE_CURRENT_SOURCE_DIR}/bench/*.comp.glsl)
+     ${CMAKE_CURRENT_SOURCE_DIR}/bench/*.comp.glsl ${CMAKE_CURRENT_SOURCE_DIR}/bench/*.vert.glsl
+     ${CMAKE_CURRENT_SOURCE_DIR}/bench/*.frag.glsl)
 set(shader_words)
 foreach(source ${PELLUCID_SHADERS})
     string(REGEX REPLACE "^.*/([^/]*)\\.(comp|vert|frag)\\.glsl$" "\\1.\\2" name ${source})

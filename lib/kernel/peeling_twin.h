@@ -17,10 +17,10 @@ struct PeelPart {
     int y1;
     int y2;
     uint triangle;  // its number in SceneMeshes
-    uint object;    // in PeelSetup::objects, and kPeelAsks
+    uint object;    // in PeelSetup::objects, and kPeelJudged
 };
-// In PeelPart::object: a fragment may be cut away, the fragment shader must ask.
-const uint kPeelAsks = 0x80000000u;
+// In PeelPart::object: the device's rasteriser would not cover what the CPU's does.
+const uint kPeelJudged = 0x80000000u;
 
 // DepthPlane of cpu/rasterizer.hpp, one a part.
 struct PeelPlane {
@@ -115,11 +115,11 @@ struct PeelSetup {
     uint64_t flags;    // PeelFlags
     double most_clear;  // a pixel is finished at so little
     int width;
-    int height;
+    int first_row;  // of the image that the buffers have
+    int rows;
     uint light_count;
     uint most_layers;  // of a pixel
-    uint perspective;
-    uint with_thickness;
+    uint slot_count;
 };
 
 // Rays of pixels' centres, as Camera::ray has them.
@@ -142,17 +142,17 @@ struct PeelDrawPush {
     uint64_t order;  // rank of a triangle by its number; 0: by depth
     uint64_t slots;
     uint64_t pixels;
+    uint64_t judged;  // numbers of parts
     double center_x;
     double center_y;
     double near_depth;
     double far_depth;
     int width;
-    int height;
-    int viewport_x;  // place of the viewport's corner, pixels
+    int first_row;
+    int rows;
+    int viewport_x;  // place of the viewport's corner in the image, pixels
     int viewport_y;
     int viewport_side;  // a power of two
-    uint perspective;
-    uint judge_all;  // 1: the device's rasteriser is not as fine as the grid
     float shift;     // of the corners, in 1/256 pixel: 0; else the wrong twin of the tests
 };
 struct PeelShadePush {

@@ -63,7 +63,7 @@ std::unique_ptr<SurfaceDrawer> Backend::make_surface_drawer(const PreparedScene&
 }
 
 std::int64_t Backend::planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices) const {
-    return on_device() ? vulkan::planned_surface_bytes(scene, triangles, vertices) : planned_peel_bytes(triangles, vertices);
+    return on_device() ? vulkan::planned_surface_bytes(*device_, scene, triangles, vertices) : planned_peel_bytes(triangles, vertices);
 }
 
 }  // namespace pellucid

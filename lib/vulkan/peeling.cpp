@@ -32,7 +32,7 @@ static_assert(sizeof(SurfaceFragment) == sizeof(twin::PaintedFragment) && sizeof
 static_assert(sizeof(twin::PeelPixel) == 24 && sizeof(twin::PeelColor) == 40 && sizeof(twin::PeelPart) == 32);
 static_assert(sizeof(twin::PeelLight) == 20 && sizeof(twin::PeelObject) == 272 && sizeof(twin::PeelFlags) == 20);
 
-static_assert(sizeof(twin::PeelDrawPush) == 120 && sizeof(twin::PeelShadePush) == 128);
+static_assert(sizeof(twin::PeelDrawPush) == 128 && sizeof(twin::PeelShadePush) == 128);
 
 enum class Output : std::uint32_t { targets, mixed, blended };
 
@@ -42,9 +42,12 @@ constexpr std::size_t kPiece = 8192;
 constexpr std::uint32_t kMostSide = 1U << 14U;
 constexpr std::uint32_t kGridBits = 8;
 static_assert(1 << kGridBits == kSubpixels);
+/// Of the heap, what pixels may take; larger images are drawn a band of rows after the other.
+constexpr std::uint64_t kHeapShare = 4;
+constexpr std::uint64_t kMostPixelBytes = std::uint64_t{1} << 30U;
 /// A row of a small image: workgroups cost more than pixels in software.
 constexpr std::uint32_t kPixelsEachInSoftware = 32;
-/// Slots where more fragments than M are at one depth: their loops stay below the limit of Vulkan in software (particles.cpp).
+/// Where more fragments than M are at one depth: so many bytes a pixel are no more than 128 layers.
 constexpr int kMostSlots = 128;
 
 template <class T>
@@ -54,11 +57,25 @@ template <class T>
 [[nodiscard]] twin::Vec3d wide(const Vec3& v) { return {v.x, v.y, v.z}; }
 [[nodiscard]] float narrow(double v) { return static_cast<float>(v); }
 
+[[nodiscard]] std::uint64_t pixel_room(const Device& device) {
+    return std::min(device.info().heap_bytes / kHeapShare, kMostPixelBytes);
+}
+
 /// All parts of the triangles of a scene, by number, and the planes of their triangles.
 struct Parts {
     std::vector<twin::PeelPart> parts;
     std::vector<DepthPlane> planes;
     std::vector<std::uint32_t> first;  // of an object, and the number of all
+};
+
+/// A part that the device's rasteriser covers as the CPU's does: within the viewport.
+struct WholeWithin {
+    std::int32_t left, top, side;  // on the grid; side 0: none
+    [[nodiscard]] bool operator()(const twin::PeelPart& p) const {
+        const auto [x_lo, x_hi] = std::minmax({p.x0, p.x1, p.x2});
+        const auto [y_lo, y_hi] = std::minmax({p.y0, p.y1, p.y2});
+        return side > 0 && x_lo >= left && x_hi <= left + side && y_lo >= top && y_hi <= top + side;
+    }
 };
 
 [[nodiscard]] Parts set_up(const Camera& camera, const SceneMeshes& meshes, const std::vector<bool>& shows) {
@@ -138,37 +155,37 @@ public:
           pixels_each_(device.info().is_gpu ? 1 : kPixelsEachInSoftware),
           commands_(device) {
         const Camera& camera = scene.camera;
-        const auto larger = static_cast<std::uint32_t>(std::max(camera.width(), camera.height()));
         side_ = std::bit_floor(std::min(device.info().largest_viewport, kMostSide));
-        if (larger > side_)
-            throw run_error("an image of {} x {} pixels: \"{}\" draws triangles in at most {} x {}", camera.width(),
-                            camera.height(), device.info().name, side_, side_);
-        pixels_ = static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
+        require_fits(camera.width());
 
         std::vector<bool> shows;
         for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(scene.objects[mesh.object].surface.opacity > 0);
         Parts parts = set_up(camera, meshes, shows);
         first_part_ = parts.first;
-        upload_objects(parts);
+        place_viewport();
+        sort_out(parts);
         parts_ = filled(bytes_of(parts.parts));
         planes_ = filled(bytes_of(parts.planes));
+        upload_objects(parts);
         upload_lights();
         fill_setup();
     }
 
-    PeelStats run(std::span<const std::uint32_t> objects, const PeelSettings& settings, Output output,
+    PeelStats run(std::span<const std::uint32_t> objects, const PeelSettings& settings, const PeelRows& rows, Output output,
                   const std::function<void(const PeeledTargets&)>& intermix) {
+        choose(rows);
+        ranked_ = !settings.order.empty();
         make_room(output);
-        Buffer order = filled(std::as_bytes(settings.order));
+        const Buffer order = filled(std::as_bytes(settings.order));
         draw_.order = order.address();
         setup_.most_clear = 1 - settings.opaque_at;
         setup_.most_layers = settings.layers > 0 ? static_cast<std::uint32_t>(settings.layers) : ~0U;
-        const std::vector<VertexRange> ranges = ranges_of(objects);
+        const Work work = work_of(objects);
         start(output);
 
         PeelStats stats;
-        while (!ranges.empty()) {
-            const twin::PeelFlags flags = pass(ranges);
+        while (!work.empty()) {
+            const twin::PeelFlags flags = pass(work, stats.passes == 0);
             ++stats.passes;
             stats.fragments += flags.found;
             stats.pixels += flags.pixels;
@@ -182,9 +199,9 @@ public:
     }
 
     std::span<const twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
-                                             PeelMix mix, PeelStats& stats) {
-        stats = run(objects, settings, mix == PeelMix::by_depth ? Output::mixed : Output::blended, {});
-        if (colors_read_.bytes() == 0) colors_read_ = Buffer(device_, colors_.bytes(), BufferKind::readback);
+                                             PeelMix mix, const PeelRows& rows, PeelStats& stats) {
+        stats = run(objects, settings, rows, mix == PeelMix::by_depth ? Output::mixed : Output::blended, {});
+        if (colors_read_.bytes() != colors_.bytes()) colors_read_ = Buffer(device_, colors_.bytes(), BufferKind::readback);
         commands_.begin_stage("read-back");
         commands_.copy(colors_, 0, colors_read_, 0, colors_.bytes());
         commands_.end_stage();
@@ -202,7 +219,55 @@ public:
 
     [[nodiscard]] const std::vector<pellucid::StageTime>& times() const { return times_; }
 
+    [[nodiscard]] PeelRows all_rows() const { return {0, scene_.camera.height()}; }
+    [[nodiscard]] int most_rows() const {
+        const auto a_row = static_cast<std::uint64_t>(scene_.camera.width()) *
+                           (sizeof(twin::PeelPixel) + 2 * sizeof(twin::PeelColor) + 8 * static_cast<std::uint64_t>(slots_));
+        return static_cast<int>(std::clamp<std::uint64_t>(pixel_room(device_) / a_row, 1, side_));
+    }
+
 private:
+    void require_fits(int pixels) const {
+        if (static_cast<std::uint32_t>(pixels) > side_)
+            throw run_error("an image of {} x {} pixels: \"{}\" draws triangles in at most {} x {}", scene_.camera.width(),
+                            scene_.camera.height(), device_.info().name, side_, side_);
+    }
+
+    /// The rows that are drawn next.
+    void choose(const PeelRows& rows) {
+        const int count = rows.end - rows.begin;
+        require_fits(count);
+        pixels_ = static_cast<std::size_t>(scene_.camera.width()) * static_cast<std::size_t>(count);
+        setup_.first_row = draw_.first_row = rows.begin;
+        setup_.rows = draw_.rows = count;
+    }
+
+    /// As much room on either side of the image; of images higher than the viewport, its uppermost rows.
+    void place_viewport() {
+        const auto side = static_cast<int>(side_);
+        draw_.viewport_side = side;
+        draw_.viewport_x = -(side - scene_.camera.width()) / 2;
+        draw_.viewport_y = -std::max(0, side - scene_.camera.height()) / 2;
+    }
+
+    /// Parts that must be judged, object by object.
+    void sort_out(Parts& parts) {
+        const bool fine = device_.info().subpixel_bits == kGridBits && !settings_.judge_all;
+        const WholeWithin whole{kSubpixels * draw_.viewport_x, kSubpixels * draw_.viewport_y,
+                                fine ? kSubpixels * draw_.viewport_side : 0};
+        std::vector<std::uint32_t> judged;
+        for (std::size_t o = 0; o + 1 < parts.first.size(); ++o) {
+            first_judged_.push_back(static_cast<std::uint32_t>(judged.size()));
+            for (std::uint32_t i = parts.first[o]; i < parts.first[o + 1]; ++i) {
+                if (whole(parts.parts[i])) continue;
+                parts.parts[i].object |= twin::kPeelJudged;
+                judged.push_back(i);
+            }
+        }
+        first_judged_.push_back(static_cast<std::uint32_t>(judged.size()));
+        judged_ = filled(bytes_of(judged));
+    }
+
     /// As many as run in step in software; a GPU is kept busy by any.
     [[nodiscard]] static std::uint32_t group_size(const Device& device) {
         return device.info().is_gpu ? 64 : std::max(1U, device.info().subgroup_size);
@@ -215,7 +280,7 @@ private:
     }
 
     /// Meshes one after the other in one buffer each for positions, normals and indices: a device has few allocations.
-    void upload_objects(Parts& parts) {
+    void upload_objects(const Parts& parts) {
         std::uint64_t positions = 0, normals = 0, indices = 0;
         for (const ObjectMesh& object : meshes_.objects()) {
             positions += object.mesh->positions.size();
@@ -248,8 +313,9 @@ private:
                 clip.insert(clip.end(), {plane.normal.x, plane.normal.y, plane.normal.z, plane.offset});
             first_painted.push_back(painted.size());
             if ((object.flags & twin::kPeelPainted) != 0) paint(o, parts, object, painted);
-            if ((object.flags & (twin::kPeelPainted | twin::kPeelBounds)) != 0 || object.clip_count > 0)
-                for (std::uint32_t i = parts.first[o]; i < parts.first[o + 1]; ++i) parts.parts[i].object |= twin::kPeelAsks;
+            asks_.push_back((object.flags & (twin::kPeelPainted | twin::kPeelBounds)) != 0 || object.clip_count > 0);
+            any_flag_ |= object.flags;
+            any_lit_ = any_lit_ || (object.flags & twin::kPeelFlat) == 0;
         }
         clip_ = filled(bytes_of(clip));
         painted_ = filled(bytes_of(painted));
@@ -336,9 +402,6 @@ private:
         setup_.objects = objects_.address();
         setup_.lights = lights_.address();
         setup_.width = camera.width();
-        setup_.height = camera.height();
-        setup_.perspective = camera.perspective() ? 1 : 0;
-        setup_.with_thickness = settings_.thickness ? 1 : 0;
 
         draw_.rays = rays_.address();
         draw_.parts = parts_.address();
@@ -349,13 +412,7 @@ private:
         draw_.near_depth = camera.near();
         draw_.far_depth = camera.far();
         draw_.width = camera.width();
-        draw_.height = camera.height();
-        draw_.perspective = setup_.perspective;
-        draw_.viewport_side = static_cast<int>(side_);
-        // As much room on either side of the image.
-        draw_.viewport_x = -(static_cast<int>(side_) - camera.width()) / 2;
-        draw_.viewport_y = -(static_cast<int>(side_) - camera.height()) / 2;
-        draw_.judge_all = settings_.judge_all || device_.info().subpixel_bits != kGridBits ? 1 : 0;
+        draw_.judged = judged_.address();
         draw_.shift = settings_.shift;
     }
 
@@ -381,6 +438,7 @@ private:
         }
         setup_.pixels = draw_.pixels = states_.address();
         setup_.slots = draw_.slots = places_.address();
+        setup_.slot_count = static_cast<std::uint32_t>(slots_);
         shade_.setup = setup_buffer_.address();
         setup_.slabs = slabs_.address();
         setup_.numbers = numbers_.address();
@@ -388,14 +446,26 @@ private:
         setup_.colors = colors_.address();
         setup_.flags = flags_.address();
 
-        if (kernels_ && kernels_->slots == slots_ && kernels_->output == output) return;
-        const auto narrow_slots = static_cast<std::uint32_t>(slots_);
-        kernels_.emplace(Kernels{
-            slots_, output,
-            RasterKernel(device_, kVertexWords, kFragmentWords, {.push_bytes = sizeof(draw_), .constants = std::array{narrow_slots}}),
-            Kernel(device_, kShadeWords,
-                   {.push_bytes = sizeof(shade_),
-                    .constants = std::array{group_size_, narrow_slots, static_cast<std::uint32_t>(output), pixels_each_}})});
+        if (!raster_ || raster_->slots != slots_ || raster_->ranked != ranked_) raster_.emplace(Raster{slots_, ranked_, {}});
+        if (!shader_ || shader_->output != output) {
+            const auto any = [&](std::uint32_t flag) { return (any_flag_ & flag) != 0 ? 1U : 0U; };
+            const std::array<std::uint32_t, 8> constants{
+                group_size_, static_cast<std::uint32_t>(output), pixels_each_, perspective(), settings_.thickness ? 1U : 0U, any(twin::kPeelPainted), any(twin::kPeelSmooth),
+                any_lit_ ? 1U : 0U};
+            shader_.emplace(Shader{output, Kernel(device_, kShadeWords, {.push_bytes = sizeof(shade_), .constants = constants})});
+        }
+    }
+
+    [[nodiscard]] std::uint32_t perspective() const { return scene_.camera.perspective() ? 1 : 0; }
+    /// Made when it is first needed.
+    [[nodiscard]] const RasterKernel& raster_kernel(bool asks, bool judged, bool first) {
+        std::optional<RasterKernel>& kernel = raster_->kernels[(asks ? 1U : 0U) | (judged ? 2U : 0U) | (first ? 4U : 0U)];
+        if (kernel) return *kernel;
+        const auto flag = [](bool value) { return value ? 1U : 0U; };
+        const std::array<std::uint32_t, 6> constants{static_cast<std::uint32_t>(slots_), flag(asks), flag(judged), flag(ranked_),
+                                                     perspective(), flag(first)};
+        return kernel.emplace(device_, kVertexWords, kFragmentWords,
+                              KernelSettings{.push_bytes = sizeof(draw_), .constants = constants});
     }
 
     /// More fragments are at one depth of a pixel than there are slots.
@@ -408,19 +478,27 @@ private:
         commands_.fill(places_, 0, places_.bytes(), ~0U);
     }
 
-    [[nodiscard]] std::vector<VertexRange> ranges_of(std::span<const std::uint32_t> objects) const {
-        std::vector<VertexRange> ranges;
-        for (const std::uint32_t o : objects) {
-            const std::uint32_t first = 3 * first_part_[o];
-            const std::uint32_t count = 3 * first_part_[o + 1] - first;
-            if (count == 0) continue;
-            if (!ranges.empty() && ranges.back().first + ranges.back().count == first) {
-                ranges.back().count += count;
+    /// What a pass draws: parts whose fragments are all there, those of objects that must be asked, and judged ones.
+    struct Work {
+        std::vector<VertexRange> plain, asking, judged;
+        [[nodiscard]] bool empty() const { return plain.empty() && asking.empty() && judged.empty(); }
+    };
+    [[nodiscard]] Work work_of(std::span<const std::uint32_t> objects) const {
+        const auto add = [](std::vector<VertexRange>& ranges, std::uint32_t begin, std::uint32_t end) {
+            if (begin == end) return;
+            if (!ranges.empty() && ranges.back().first + ranges.back().count == 3 * begin) {
+                ranges.back().count += 3 * (end - begin);
             } else {
-                ranges.push_back({first, count});
+                ranges.push_back({3 * begin, 3 * (end - begin)});
             }
+        };
+        Work work;
+        for (const std::uint32_t o : objects) {
+            add(work.judged, first_judged_[o], first_judged_[o + 1]);
+            const bool all_judged = first_judged_[o + 1] - first_judged_[o] == first_part_[o + 1] - first_part_[o];
+            if (!all_judged) add(asks_[o] ? work.asking : work.plain, first_part_[o], first_part_[o + 1]);
         }
-        return ranges;
+        return work;
     }
 
     void upload_setup() { upload(device_, setup_buffer_, std::as_bytes(std::span(&setup_, 1))); }
@@ -434,18 +512,26 @@ private:
         commands_.barrier();
     }
 
-    [[nodiscard]] twin::PeelFlags pass(std::span<const VertexRange> ranges) {
+    [[nodiscard]] twin::PeelFlags pass(const Work& work, bool first) {
         const auto width = static_cast<std::uint32_t>(scene_.camera.width());
-        const auto height = static_cast<std::uint32_t>(scene_.camera.height());
+        const auto rows = static_cast<std::uint32_t>(draw_.rows);
         commands_.fill(flags_, 0, flags_.bytes(), 0);
         commands_.barrier();
         commands_.begin_stage("peel");
-        commands_.draw(kernels_->raster, std::as_bytes(std::span(&draw_, 1)),
-                       {draw_.viewport_x, draw_.viewport_y, side_, width, height}, ranges);
+        const auto draw = [&](bool asks, bool judged, const twin::PeelDrawPush& push, std::span<const VertexRange> ranges) {
+            if (!ranges.empty())
+                commands_.draw(raster_kernel(asks, judged, first), std::as_bytes(std::span(&push, 1)),
+                               {push.viewport_x, push.viewport_y - push.first_row, side_, width, rows}, ranges);
+        };
+        draw(false, false, draw_, work.plain);
+        draw(true, false, draw_, work.asking);
+        twin::PeelDrawPush on_rows = draw_;  // a triangle over the pixels of a part is never cut
+        on_rows.viewport_y = draw_.first_row - (static_cast<int>(side_) - draw_.rows) / 2;
+        draw(true, true, on_rows, work.judged);
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
-        commands_.dispatch(kernels_->shade, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
+        commands_.dispatch(shader_->kernel, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
         commands_.end_stage();
         commands_.barrier();
         commands_.copy(flags_, 0, flags_read_, 0, flags_.bytes());
@@ -466,11 +552,14 @@ private:
         }
     }
 
-    struct Kernels {
+    struct Raster {
         int slots;
+        bool ranked;
+        std::array<std::optional<RasterKernel>, 8> kernels;  // asks, judged, first: bits
+    };
+    struct Shader {
         Output output;
-        RasterKernel raster;
-        Kernel shade;
+        Kernel kernel;
     };
 
     const Device& device_;
@@ -481,12 +570,18 @@ private:
     std::uint32_t group_size_, pixels_each_;
     std::uint32_t side_ = 0;  // of the viewport
     std::size_t pixels_ = 0;
-    std::vector<std::uint32_t> first_part_;  // of an object
+    std::vector<std::uint32_t> first_part_, first_judged_;  // of an object
+    std::vector<bool> asks_;                                // whether a fragment of the object may be cut away
+    std::uint32_t any_flag_ = 0;                            // of all objects
+    bool any_lit_ = false;
     twin::PeelSetup setup_{};
     twin::PeelDrawPush draw_{};
     twin::PeelShadePush shade_{};
     Commands commands_;
-    std::optional<Kernels> kernels_;
+    std::optional<Raster> raster_;
+    std::optional<Shader> shader_;
+    bool ranked_ = false;
+    Buffer judged_;
     Buffer setup_buffer_, parts_, planes_, positions_, normals_, indices_, clip_, painted_, objects_, lights_, rays_;
     Buffer states_, places_, slabs_, numbers_, counts_, colors_, colors_read_, flags_, flags_read_;
     std::vector<pellucid::StageTime> times_;
@@ -499,25 +594,29 @@ Peeler::~Peeler() = default;
 
 PeelStats Peeler::peel(std::span<const std::uint32_t> objects, const PeelSettings& settings,
                        const std::function<void(const PeeledTargets&)>& intermix) {
-    return state_->run(objects, settings, Output::targets, intermix);
+    return state_->run(objects, settings, state_->all_rows(), Output::targets, intermix);
 }
 
 std::span<const twin::PeelColor> Peeler::compose(std::span<const std::uint32_t> objects, const PeelSettings& settings,
-                                                 PeelMix mix, PeelStats& stats) {
-    return state_->compose(objects, settings, mix, stats);
+                                                 PeelMix mix, const PeelRows& rows, PeelStats& stats) {
+    return state_->compose(objects, settings, mix, rows, stats);
 }
+
+int Peeler::most_rows() const { return state_->most_rows(); }
 
 const std::vector<pellucid::StageTime>& Peeler::device_times() const { return state_->times(); }
 
-std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles, double vertices, int targets) {
+std::int64_t planned_compose_bytes(const Device& device, const PreparedScene& scene, double triangles, double vertices,
+                                   int targets) {
     const double pixels = static_cast<double>(scene.camera.width()) * scene.camera.height();
+    const double bytes_a_pixel = sizeof(twin::PeelPixel) + 8.0 * targets + 2 * sizeof(twin::PeelColor);
     double painted = 0;
     for (const Object& object : scene.objects)
         if (object.geometry->has_color() || object.geometry->painted()) painted += pixels * sizeof(SurfaceFragment);
     // Parts with planes, indices; positions and normals; states, slots, colours and those that are read back.
     const double bytes = triangles * (sizeof(twin::PeelPart) + sizeof(DepthPlane) + 3 * sizeof(std::uint32_t)) +
                          vertices * 2 * sizeof(Vec3) + painted +
-                         pixels * (sizeof(twin::PeelPixel) + 8.0 * targets + 2 * sizeof(twin::PeelColor));
+                         std::min(pixels * bytes_a_pixel, static_cast<double>(pixel_room(device)));
     return static_cast<std::int64_t>(bytes);
 }
 

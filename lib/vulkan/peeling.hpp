@@ -47,6 +47,11 @@ struct PeeledTargets {
     int targets;            // at most so many a pixel
 };
 
+/// Rows begin <= y < end of the image.
+struct PeelRows {
+    int begin = 0, end = 0;
+};
+
 /// How fragments become one colour.
 enum class PeelMix {
     by_depth,  // front to back, those at one depth by (4.4): composite_surfaces
@@ -56,19 +61,22 @@ enum class PeelMix {
 class Peeler {
 public:
     /// Sets the triangles up and brings them to the device. All must outlive it. Throws Error(device) where the device
-    /// cannot draw triangles, Error(run) where the image is larger than its viewport.
+    /// cannot draw triangles, Error(run) where the image is wider than its viewport.
     Peeler(const Device& device, const PreparedScene& scene, const SceneMeshes& meshes, const PeelerSettings& settings);
     Peeler(Peeler&&) noexcept;
     ~Peeler();
 
     /// intermix(targets) is told of each pass that kept anything.
     ///   objects   numbers in SceneMeshes::objects, ascending: the surfaces that are peeled together
+    /// Throws Error(run) where the image is higher than the viewport.
     ///   settings  `thickness` is that of PeelerSettings
     PeelStats peel(std::span<const std::uint32_t> objects, const PeelSettings& settings,
                    const std::function<void(const PeeledTargets&)>& intermix);
-    /// One colour a pixel, by rows, until the next call; `clear` is what shines through, all is 0 where nothing was drawn.
+    /// One colour a pixel of some rows, until the next call; `clear` is what shines through, all is 0 where nothing was drawn.
     std::span<const twin::PeelColor> compose(std::span<const std::uint32_t> objects, const PeelSettings& settings, PeelMix mix,
-                                         PeelStats& stats);
+                                             const PeelRows& rows, PeelStats& stats);
+    /// Rows of which compose() does not hold more than its share of the device's memory, nor than its rasteriser takes.
+    [[nodiscard]] int most_rows() const;
 
     /// Device time of all that was done: peel, shade, read-back.
     [[nodiscard]] const std::vector<pellucid::StageTime>& device_times() const;
@@ -79,6 +87,7 @@ private:
 };
 
 /// Bytes that compose() will hold on the device.
-[[nodiscard]] std::int64_t planned_compose_bytes(const PreparedScene& scene, double triangles, double vertices, int targets);
+[[nodiscard]] std::int64_t planned_compose_bytes(const Device& device, const PreparedScene& scene, double triangles,
+                                                 double vertices, int targets);
 
 }  // namespace pellucid::vulkan

@@ -11,6 +11,7 @@ namespace pellucid::vulkan {
                                                                  const SceneMeshes& meshes);
 
 /// Bytes that it will hold on the device.
-[[nodiscard]] std::int64_t planned_surface_bytes(const PreparedScene& scene, double triangles, double vertices);
+[[nodiscard]] std::int64_t planned_surface_bytes(const Device& device, const PreparedScene& scene, double triangles,
+                                                 double vertices);
 
 }  // namespace pellucid::vulkan

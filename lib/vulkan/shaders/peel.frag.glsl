@@ -4,7 +4,13 @@
 #version 460
 #include "vulkan/shaders/peeling.glsl"
 
+// Constants and not branches: software runs through all branches, with nobody in them.
 layout(constant_id = 0) const uint kSlots = 4;
+layout(constant_id = 1) const uint kAsks = 0;    // fragments may be cut away
+layout(constant_id = 2) const uint kJudged = 0;  // the device covers more than the part
+layout(constant_id = 3) const uint kRanked = 0;  // by rank, not by depth
+layout(constant_id = 4) const uint kPerspective = 1;
+layout(constant_id = 5) const uint kFirst = 0;  // of all passes: nothing was kept so far
 
 layout(push_constant, scalar) uniform Push { PeelDrawPush push; };
 layout(buffer_reference, scalar, buffer_reference_align = 4) readonly buffer Rays { PeelRays rays; };
@@ -14,8 +20,7 @@ layout(location = 0) flat in uvec4 plane_0;
 layout(location = 1) flat in uvec4 plane_1;
 layout(location = 2) flat in uvec4 plane_2;
 layout(location = 3) flat in uvec4 plane_3;
-layout(location = 4) flat in uvec2 plane_4;
-layout(location = 5) flat in uvec4 part_judged_object_triangle;
+layout(location = 4) flat in uvec4 plane_4;
 
 // A pixel's centre against an edge in 64 bits, as RasterEdge of cpu/rasterizer.hpp.
 bool inside(int from_x, int from_y, int to_x, int to_y, int x, int y) {
@@ -44,10 +49,11 @@ bool is_cut(PeelObject o, Vec3d world) {
 
 void main() {
     int x = int(gl_FragCoord.x);
-    int y = int(gl_FragCoord.y);
-    uint part_number = part_judged_object_triangle.x;
-    uint triangle = part_judged_object_triangle.w;
-    if (part_judged_object_triangle.y != 0u) {
+    int row = int(gl_FragCoord.y);
+    int y = push.first_row + row;
+    uint part_number = plane_4.z;
+    uint triangle = kAsks != 0u || kRanked != 0u ? Parts(push.parts).at[part_number].triangle : 0u;
+    if (kJudged != 0u) {
         PeelPart p = Parts(push.parts).at[part_number];
         if (!(inside(p.x0, p.y0, p.x1, p.y1, x, y) && inside(p.x1, p.y1, p.x2, p.y2, x, y) && inside(p.x2, p.y2, p.x0, p.y0, x, y)))
             return;
@@ -61,26 +67,27 @@ void main() {
     plane.du = packDouble2x32(plane_2.zw);
     plane.dv = packDouble2x32(plane_3.xy);
     plane.lo = packDouble2x32(plane_3.zw);
-    plane.hi = packDouble2x32(plane_4);
+    plane.hi = packDouble2x32(plane_4.xy);
     double z = plane_depth(push.center_x, push.center_y, plane, x, y);
     if (!(z >= push.near_depth && z <= push.far_depth)) return;
-    uint first = push.order != 0ul ? Order(push.order).at[triangle] : floatBitsToUint(float(z));
+    uint first = floatBitsToUint(float(z));
+    if (kRanked != 0u) first = Order(push.order).at[triangle];
     uint64_t place = (uint64_t(first) << 32u) | uint64_t(part_number);
 
-    uint64_t pixel = uint64_t(y) * uint64_t(push.width) + uint64_t(x);
+    uint64_t pixel = uint64_t(row) * uint64_t(push.width) + uint64_t(x);
     uint64_t slot = push.slots + 8ul * pixel;
-    uint64_t step = 8ul * (uint64_t(push.width) * uint64_t(push.height));
-    if (place >= Place(slot + (kSlots - 1) * step).value) return;
-    if (place < Pixels(push.pixels + 24ul * pixel).at[0].from) return;
+    uint64_t step = 8ul * (uint64_t(push.width) * uint64_t(push.rows));
+    // What is read here may be old, and then larger than what is there: it only falls.
+    if (kSlots > 1u && place >= Place(slot + (kSlots - 1) * step).value) return;
+    if (kFirst == 0u && place < Pixels(push.pixels + 24ul * pixel).at[0].from) return;
 
-    uint object = part_judged_object_triangle.z;
-    if ((object & kPeelAsks) != 0u) {
-        PeelObject o = Objects(push.objects).at[object & ~kPeelAsks];
+    if (kAsks != 0u) {
+        PeelObject o = Objects(push.objects).at[plane_4.w];
         if ((o.flags & kPeelPainted) != 0) {
             uint at = uint(y - o.painted_y) * uint(o.painted_width) + uint(x - o.painted_x);
             if (Painted(o.painted).at[at].triangle != triangle) return;
         } else {
-            if (is_cut(o, along(pixel_ray(Rays(push.rays).rays, push.perspective, x, y), z))) return;
+            if (is_cut(o, along(pixel_ray(Rays(push.rays).rays, kPerspective != 0u, x, y), z))) return;
         }
     }
 

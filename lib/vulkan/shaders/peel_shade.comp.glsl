@@ -6,9 +6,14 @@
 #include "vulkan/shaders/peeling.glsl"
 
 layout(local_size_x_id = 0) in;
-layout(constant_id = 1) const uint kSlots = 4;
-layout(constant_id = 2) const uint kOutput = 0;
-layout(constant_id = 3) const uint kPixelsEach = 1;
+layout(constant_id = 1) const uint kOutput = 0;
+layout(constant_id = 2) const uint kPixelsEach = 1;
+layout(constant_id = 3) const uint kPerspective = 1;
+// Whether any object of the scene needs it: software runs through all branches, with nobody in them.
+layout(constant_id = 4) const uint kThickness = 1;
+layout(constant_id = 5) const uint kPainted = 1;
+layout(constant_id = 6) const uint kSmooth = 1;
+layout(constant_id = 7) const uint kLit = 1;
 
 const uint kTargets = 0;  // slabs into targets
 const uint kMixed = 1;    // into a colour; fragments at one depth are mixed by (4.4)
@@ -77,21 +82,21 @@ double thickness_by_pixel(PeelSetup s, Vec3d world, Vec3d geometric) {
     Vec3d from = minus3d(world, push.rays.eye);
     Vec3d view = vec3d(dot3d(push.rays.axis_x, from), dot3d(push.rays.axis_y, from), dot3d(push.rays.axis_z, from));
     Vec3d normal = vec3d(dot3d(push.rays.axis_x, geometric), dot3d(push.rays.axis_y, geometric), dot3d(push.rays.axis_z, geometric));
-    Vec3d ray = s.perspective != 0 ? view : vec3d(0.0lf, 0.0lf, 1.0lf);
-    precise double side = push.rays.pixel_size * (s.perspective != 0 ? view.z : 1.0lf);
+    Vec3d ray = kPerspective != 0u ? view : vec3d(0.0lf, 0.0lf, 1.0lf);
+    precise double side = push.rays.pixel_size * (kPerspective != 0u ? view.z : 1.0lf);
     precise double stretch = size3d(normal) * size3d(ray) / abs(dot3d(normal, ray));
     precise double d = 0.5lf * side * (stretch < 8.0lf ? stretch : 8.0lf);  // kMostStretch
     return d;
 }
 
 Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) {
-    PeelObject o = Objects(s.objects).at[part.object & ~kPeelAsks];
-    if ((o.flags & kPeelPainted) != 0) {
+    PeelObject o = Objects(s.objects).at[part.object & ~kPeelJudged];
+    if (kPainted != 0u && (o.flags & kPeelPainted) != 0) {
         uint at = uint(y - o.painted_y) * uint(o.painted_width) + uint(x - o.painted_x);
         return Painted(o.painted).at[at].slab;
     }
     double z = plane_depth(push.rays.center_x, push.rays.center_y, Planes(s.planes).at[part_number], x, y);
-    Ray ray = pixel_ray(push.rays, s.perspective, x, y);
+    Ray ray = pixel_ray(push.rays, kPerspective != 0u, x, y);
     Vec3d world = along(ray, z);
     uint t = part.triangle - o.first_triangle;
     Indices indices = Indices(o.triangles);
@@ -105,7 +110,7 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
 
     // Of the vertices, interpolated on the facet; the facet's where they cancel.
     Vec3d smooth_normal = facet;
-    if ((o.flags & kPeelSmooth) != 0) {
+    if (kSmooth != 0u && (o.flags & kPeelSmooth) != 0) {
         Vec3d from = minus3d(world, a);
         double area2 = dot3d(facet, facet);
         precise double v1 = dot3d(cross3d(from, ac), facet) / area2;
@@ -130,12 +135,12 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
         alpha = one_minus_exp(o.optical_depth / (cosine > 1e-12lf ? min(cosine, 1.0lf) : 1e-12lf));
     }
     Vec3d color = o.color;
-    if ((o.flags & kPeelFlat) == 0) {
+    if (kLit != 0u && (o.flags & kPeelFlat) == 0) {
         Vec3f lit = shaded(s, o, ray.direction, ray_size, smooth_normal);
         color = vec3d(double(lit.x), double(lit.y), double(lit.z));
     }
     double thickness = 0.0lf;
-    if (s.with_thickness != 0) thickness = o.thickness >= 0.0lf ? o.thickness : thickness_by_pixel(s, world, geometric);
+    if (kThickness != 0u) thickness = o.thickness >= 0.0lf ? o.thickness : thickness_by_pixel(s, world, geometric);
     Slab slab;
     slab.z = float(z);
     slab.d = float(thickness);
@@ -147,45 +152,65 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
 }
 
 // Fragments at one depth: what each keeps of its colour is the integral of the product of 1 - u·α over the others, u in
-// [0, 1]; (4.4) of two. By Gauss and Legendre with 8 nodes, exact for 16 fragments; more have as many pieces.
-const double kNode[4] = double[](0.1834346424956498lf, 0.5255324099163290lf, 0.7966664774136267lf, 0.9602898564975363lf);
-const double kWeight[4] = double[](0.3626837833783620lf, 0.3137066458778873lf, 0.2223810344533745lf, 0.1012285362903763lf);
+// [0, 1]; (4.4) of two. By Gauss and Legendre with 8 nodes u, exact for 16 fragments; of 40 opaque ones a weight is off by
+// 1 in 250. At every node the product of all so far, and the sum of each one's colour times the product of the others.
+const uint kNodes = 8;
+const float kNode[kNodes] = float[](0.019855072, 0.101666761, 0.237233795, 0.408282679, 0.591717321, 0.762766205, 0.898333239, 0.980144928);
+const float kWeight[kNodes] = float[](0.050614268, 0.111190517, 0.156853323, 0.181341892, 0.181341892, 0.156853323, 0.111190517, 0.050614268);
 
-PeelColor add_group(PeelColor sum, Slab only, Slab together[kSlots], uint count) {
-    double r = double(only.r);
-    double g = double(only.g);
-    double b = double(only.b);
-    double passes = 1.0lf - double(only.a);
-    if (count > 1) {
-        r = 0.0lf;
-        g = 0.0lf;
-        b = 0.0lf;
-        passes = 1.0lf;
-        uint pieces = (count + 15) / 16;
-        for (uint node = 0; node < 8 * pieces; ++node) {
-            double aside = kNode[node % 4] * (node % 8 < 4 ? 1.0lf : -1.0lf);
-            double u = (double(node / 8) + 0.5lf + 0.5lf * aside) / double(pieces);
-            double all = 0.5lf * kWeight[node % 4] / double(pieces);
-            for (uint k = 0; k < count; ++k) all *= 1.0lf - u * double(together[k].a);
-            for (uint k = 0; k < count; ++k) {
-                double others = all / (1.0lf - u * double(together[k].a));
-                r += others * double(together[k].r);
-                g += others * double(together[k].g);
-                b += others * double(together[k].b);
-            }
+struct Group {
+    Slab first;
+    uint count;
+    double passes;  // product of 1 - opacity
+    float product[kNodes];
+    float r[kNodes];
+    float g[kNodes];
+    float b[kNodes];
+};
+
+Group joined(Group group, Slab slab) {
+    if (group.count == 0) {
+        group.first = slab;
+        group.passes = 1.0lf;
+    }
+    ++group.count;
+    group.passes *= 1.0lf - double(slab.a);
+    if (kOutput != kMixed) return group;
+    for (uint i = 0; i < kNodes; ++i) {
+        float passes = 1.0 - kNode[i] * slab.a;
+        bool first = group.count == 1;
+        group.r[i] = first ? slab.r : group.r[i] * passes + slab.r * group.product[i];
+        group.g[i] = first ? slab.g : group.g[i] * passes + slab.g * group.product[i];
+        group.b[i] = first ? slab.b : group.b[i] * passes + slab.b * group.product[i];
+        group.product[i] = first ? passes : group.product[i] * passes;
+    }
+    return group;
+}
+
+PeelColor add_group(PeelColor sum, Group group) {
+    float r = group.first.r;
+    float g = group.first.g;
+    float b = group.first.b;
+    if (kOutput == kMixed && group.count > 1) {
+        r = 0.0;
+        g = 0.0;
+        b = 0.0;
+        for (uint i = 0; i < kNodes; ++i) {
+            r += kWeight[i] * group.r[i];
+            g += kWeight[i] * group.g[i];
+            b += kWeight[i] * group.b[i];
         }
-        for (uint k = 0; k < count; ++k) passes *= 1.0lf - double(together[k].a);
     }
     if (sum.count == 0) {
         sum.clear = 1.0lf;
-        sum.z = only.z;
+        sum.z = group.first.z;
     }
-    sum.z = min(sum.z, only.z);
-    sum.r += sum.clear * r;
-    sum.g += sum.clear * g;
-    sum.b += sum.clear * b;
-    sum.clear *= passes;
-    sum.count += count;
+    sum.z = min(sum.z, group.first.z);
+    sum.r += sum.clear * double(r);
+    sum.g += sum.clear * double(g);
+    sum.b += sum.clear * double(b);
+    sum.clear *= group.passes;
+    sum.count += group.count;
     return sum;
 }
 
@@ -196,8 +221,9 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
         if (kOutput == kTargets) Numbers(s.counts).at[pixel] = 0;
         return;
     }
-    int y = int(pixel / uint(s.width));
-    int x = int(pixel) - y * s.width;
+    int row = int(pixel / uint(s.width));
+    int x = int(pixel) - row * s.width;
+    int y = s.first_row + row;
     PeelPixel state = Pixels(s.pixels).at[pixel];
     if (state.count == 0) {
         state.clear = 1.0lf;
@@ -206,12 +232,11 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
     PeelPixel before_group = state;
     PeelColor sum;
     if (kOutput != kTargets) sum = Colors(s.colors).at[pixel];
-    Slab only;
-    Slab together[kSlots];  // fragments at one depth, where there is more than one
-    uint gathered = 0;
+    Group group;
+    group.count = 0;
     uint taken = 0;
     bool wanted = true;
-    for (uint i = 0; i < kSlots; ++i) {
+    for (uint i = 0; i < s.slot_count; ++i) {
         if (i > 0) {
             slot += 8ul * pixels;
             place = Place(slot).value;
@@ -229,17 +254,12 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
             Slabs(s.slabs + 24ul * target).at[0] = slab;
             Numbers(s.numbers + 4ul * target).at[0] = part.triangle;
         } else {
-            if (gathered > 0 && (kOutput == kBlended || only.z != slab.z)) {
-                sum = add_group(sum, only, together, gathered);
-                gathered = 0;
+            if (group.count > 0 && (kOutput == kBlended || group.first.z != slab.z)) {
+                sum = add_group(sum, group);
+                group.count = 0;
                 before_group = state;
             }
-            if (kOutput == kMixed && gathered > 0) {
-                if (gathered == 1) together[0] = only;
-                together[gathered] = slab;
-            }
-            if (gathered == 0) only = slab;
-            ++gathered;
+            group = joined(group, slab);
         }
         ++taken;
         state.from = place + 1ul;
@@ -248,13 +268,13 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
         state.clear = clear;
         if (clear <= s.most_clear) state.most = first;
     }
-    bool more = wanted && taken == kSlots && state.count < s.most_layers;
+    bool more = wanted && taken == s.slot_count && state.count < s.most_layers;
     if (kOutput == kMixed && more) {
         // More may come at the depth of the last ones: these come again in the next pass.
         state = before_group;
-        if (gathered == kSlots) Flags(s.flags).flags.stuck = 1u;
-    } else if (kOutput != kTargets && gathered > 0) {
-        sum = add_group(sum, only, together, gathered);
+        if (group.count == s.slot_count) Flags(s.flags).flags.stuck = 1u;
+    } else if (kOutput != kTargets && group.count > 0) {
+        sum = add_group(sum, group);
     }
     if (!more) state.from = kNoPlace;  // finished
     if (more) Flags(s.flags).flags.more = 1u;
@@ -273,7 +293,7 @@ void take_pixel(PeelSetup s, uint pixels, uint pixel) {
 
 void main() {
     PeelSetup s = Setup(push.setup).setup;
-    uint pixels = uint(s.width) * uint(s.height);
+    uint pixels = uint(s.width) * uint(s.rows);
     uint group = gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y;
     for (uint i = 0; i < kPixelsEach; ++i) {
         uint pixel = (group * kPixelsEach + i) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;

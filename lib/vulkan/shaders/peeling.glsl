@@ -53,7 +53,7 @@ struct Ray {
     Vec3d origin;
     Vec3d direction;
 };
-Ray pixel_ray(PeelRays s, uint perspective, int x, int y) {
+Ray pixel_ray(PeelRays s, bool perspective, int x, int y) {
     precise double u = ((double(x) + 0.5lf) - s.center_x) * s.pixel_size;
     precise double v = ((double(y) + 0.5lf) - s.center_y) * s.pixel_size;
     precise double ax = u * s.axis_x.x + v * s.axis_y.x;
@@ -62,7 +62,7 @@ Ray pixel_ray(PeelRays s, uint perspective, int x, int y) {
     Ray r;
     r.origin = s.eye;
     r.direction = s.axis_z;
-    if (perspective != 0) {
+    if (perspective) {
         precise double x1 = s.axis_z.x + ax;
         precise double y1 = s.axis_z.y + ay;
         precise double z1 = s.axis_z.z + az;
