@@ -218,11 +218,11 @@ std::vector<OrientedPoint> points_on_wavy_ball(int count) {
         const double angle = 2.399963229728653 * i;  // Fibonacci's
         const Vec3 way(std::sqrt(1 - z * z) * std::cos(angle), std::sqrt(1 - z * z) * std::sin(angle), z);
         const Vec3 p = radius(way) * way;
-        Vec3 normal;
+        std::array<float, 3> normal{};
         for (int axis = 0; axis < 3; ++axis) {
             Vec3 step(0.0);
             step[axis] = 1e-5;
-            normal[axis] = field(p + step) - field(p - step);
+            normal[static_cast<std::size_t>(axis)] = static_cast<float>(1e5 * (field(p + step) - field(p - step)));
         }
         points.push_back({p, normal});
     }
@@ -235,7 +235,7 @@ PreparedScene wavy_points() {
         std::ofstream out(scratch.path() / "ball.xyz");
         out.precision(9);
         for (const auto& [p, n] : points_on_wavy_ball(120'000))
-            out << p.x << ' ' << p.y << ' ' << p.z << ' ' << n.x << ' ' << n.y << ' ' << n.z << '\n';
+            out << p.x << ' ' << p.y << ' ' << p.z << ' ' << n[0] << ' ' << n[1] << ' ' << n[2] << '\n';
     }
     Scene scene = empty_scene(kImageSize, {1.5, 2, 4.5});
     scene.surfaces.push_back(glossy("points", PointsShape{scratch.path() / "ball.xyz"}));

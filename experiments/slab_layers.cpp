@@ -77,58 +77,52 @@ MethodChoice mdvr(const Settings& s, bool skip, int rays = 1) {
 
 // ---- Error over layers --------------------------------------------------------------------------------------
 
-struct Curve {
-    std::string intermix;
-    std::vector<double> error;  // beside conventional ray-casting, one for each number of layers
-};
-
-/// The least number of layers whose error is within a tenth of the error of the most.
-std::int64_t layers_enough(const Settings& s, const Curve& curve) {
+/// The least number of layers whose error is within a tenth of `floor`; empty where none is.
+std::optional<std::int64_t> layers_enough(const Settings& s, const std::vector<double>& error, double floor) {
     for (std::size_t i = 0; i < s.layers.size(); ++i)
-        if (curve.error[i] <= 1.1 * curve.error.back()) return s.layers[i];
-    return s.layers.back();
+        if (error[i] <= 1.1 * floor) return s.layers[i];
+    return std::nullopt;
 }
 
-void measure_errors(Experiment& ex, const Settings& s, const std::string& name, const Scene& whole, const Backend& backend,
-                    CsvWriter& csv, CsvWriter& enough) {
-    const Scene scene = resized(whole, s.error_resolution[0], s.error_resolution[1]);
-    const PreparedScene prepared = prepare(scene);
-    const Vec3& background = scene.image.background;
+RgbImage draw_truth(Experiment& ex, const Settings& s, const std::string& name, const PreparedScene& scene) {
+    const auto stage = ex.stage("truth");
+    TruthStats stats;
+    const TruthSettings settings{.filter = PixelFilter::box, .seed = derived_seed(ex.seed(), 1), .samples = s.truth_samples};
+    const Image image = trace_truth(scene, settings, stats);
+    ex.png("pictures/" + name + "_truth", image, scene.settings.image.background);
+    return over_background(image, scene.settings.image.background, "truth");
+}
+
+void measure_errors(Experiment& ex, const Settings& s, const std::string& name, const PreparedScene& prepared, const RgbImage& truth,
+                    const Backend& backend, CsvWriter& csv, CsvWriter& enough) {
+    const Vec3& background = prepared.settings.image.background;
     const auto draw = [&](const MethodChoice& choice) {
         RenderStats stats;
         return method_image(prepared, choice, ex.seed(), stats, backend);
     };
-    const RgbImage truth = [&] {
-        const auto stage = ex.stage("truth");
-        TruthStats stats;
-        TruthSettings settings{.filter = PixelFilter::box, .samples = s.truth_samples};
-        settings.seed = derived_seed(ex.seed(), 1);
-        const Image image = trace_truth(prepared, settings, stats);
-        if (!backend.on_device()) ex.png("pictures/" + name + "_truth", image, background);
-        return over_background(image, background, "truth");
-    }();
     const Image cast = draw(mdvr(s, true));
     const RgbImage conventional = over_background(cast, background, "mdvr");
     const std::optional<double> none;
-    csv.row(name, backend.name(), "mdvr", none, none, rmse(conventional, truth), none, flip(conventional, truth).mean);
+    const double floor = rmse(conventional, truth);
+    csv.row(name, backend.name(), "mdvr", none, none, floor, none, flip(conventional, truth).mean);
     if (!backend.on_device()) ex.png("pictures/" + name + "_mdvr", cast, background);
-    std::vector<Curve> curves;
     for (const std::string& intermix : s.intermix) {
-        Curve& curve = curves.emplace_back(intermix, std::vector<double>());
+        std::vector<double> beside_mdvr, beside_truth;
         for (const std::int64_t layers : s.layers) {
             const Image image = draw(slabs(s, intermix, layers, true));
             const RgbImage test = over_background(image, background, "slabs");
-            curve.error.push_back(rmse(test, conventional));
-            csv.row(name, backend.name(), intermix, layers, curve.error.back(), rmse(test, truth), flip(test, conventional).mean,
+            beside_mdvr.push_back(rmse(test, conventional));
+            beside_truth.push_back(rmse(test, truth));
+            csv.row(name, backend.name(), intermix, layers, beside_mdvr.back(), beside_truth.back(), flip(test, conventional).mean,
                     flip(test, truth).mean);
             if (!backend.on_device() && (layers == s.layers.front() || layers == 4 || layers == 8))
                 ex.png(fmt::format("pictures/{}_{}_{}", name, intermix, layers), image, background);
         }
         const std::string which = fmt::format("{}, {}, {}", name, backend.name(), intermix);
-        enough.row(name, backend.name(), intermix, layers_enough(s, curve), curve.error.front(), curve.error.back());
-        ex.check(which + ": error of the most layers over that of the fewest", curve.error.back() / curve.error.front(), "<", 1);
+        enough.row(name, backend.name(), intermix, layers_enough(s, beside_truth, floor), layers_enough(s, beside_mdvr, beside_mdvr.back()));
+        ex.check(which + ": error of the most layers over that of the fewest", beside_mdvr.back() / beside_mdvr.front(), "<", 1);
         for (std::size_t i = 0; i < s.layers.size(); ++i)
-            if (s.layers[i] == 8) ex.check(which + ": RMSE of 8 layers beside mdvr", curve.error[i], "<=", s.error_limit);
+            if (s.layers[i] == 8) ex.check(which + ": RMSE of 8 layers beside mdvr", beside_mdvr[i], "<=", s.error_limit);
     }
 }
 
@@ -192,7 +186,7 @@ void run(Experiment& ex) {
     const Settings s = ex.config(read_settings);
     const std::vector<Backend>& backends = ex.backends(s.backends);
     CsvWriter& errors = ex.csv("errors", {"scene", "backend", "method", "layers", "rmse_mdvr", "rmse_truth", "flip_mdvr", "flip_truth"});
-    CsvWriter& enough = ex.csv("enough", {"scene", "backend", "intermix", "layers_enough", "rmse_of_fewest", "rmse_of_most"});
+    CsvWriter& enough = ex.csv("enough", {"scene", "backend", "intermix", "truth_layers", "mdvr_layers"});
     CsvWriter& times = ex.csv("times", {"scene", "backend", "side_px", "method", "intermix", "layers", "skip", "runs", "median_s", "least_s",
                                         "most_s"});
     CsvWriter& stages = ex.csv("stages", {"scene", "backend", "side_px", "method", "intermix", "layers", "skip", "stage", "stage_bytes",
@@ -201,9 +195,15 @@ void run(Experiment& ex) {
     std::size_t drawn = 0;
     for (const std::string& name : s.scenes) {
         const auto scene = read_scene(s, name);
-        drawn += scene ? 1 : 0;
+        drawn += scene ? 1U : 0U;
+        std::optional<PreparedScene> judged;
+        std::optional<RgbImage> truth;
+        if (scene) {
+            judged = prepare(resized(*scene, s.error_resolution[0], s.error_resolution[1]));
+            truth = draw_truth(ex, s, name, *judged);
+        }
         for (const Backend& backend : backends) {
-            if (scene) measure_errors(ex, s, name, *scene, backend, errors, enough);
+            if (scene) measure_errors(ex, s, name, *judged, *truth, backend, errors, enough);
             progress->step();
             for (const std::int64_t side : s.resolutions) {
                 if (scene) measure_times(ex, s, name, *scene, side, backend, times, stages);
