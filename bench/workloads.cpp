@@ -224,7 +224,8 @@ std::vector<OrientedPoint> points_on_wavy_ball(int count) {
             step[axis] = 1e-5;
             normal[axis] = field(p + step) - field(p - step);
         }
-        points.push_back({p, normal});
+        normal = normalize(normal);
+        points.push_back({p, {static_cast<float>(normal.x), static_cast<float>(normal.y), static_cast<float>(normal.z)}});
     }
     return points;
 }
@@ -235,7 +236,7 @@ PreparedScene wavy_points() {
         std::ofstream out(scratch.path() / "ball.xyz");
         out.precision(9);
         for (const auto& [p, n] : points_on_wavy_ball(120'000))
-            out << p.x << ' ' << p.y << ' ' << p.z << ' ' << n.x << ' ' << n.y << ' ' << n.z << '\n';
+            out << p.x << ' ' << p.y << ' ' << p.z << ' ' << n[0] << ' ' << n[1] << ' ' << n[2] << '\n';
     }
     Scene scene = empty_scene(kImageSize, {1.5, 2, 4.5});
     scene.surfaces.push_back(glossy("points", PointsShape{scratch.path() / "ball.xyz"}));
