@@ -224,7 +224,8 @@ std::vector<OrientedPoint> points_on_wavy_ball(int count) {
             step[axis] = 1e-5;
             normal[static_cast<std::size_t>(axis)] = static_cast<float>(1e5 * (field(p + step) - field(p - step)));
         }
-        points.push_back({p, normal});
+        normal = normalize(normal);
+        points.push_back({p, {static_cast<float>(normal.x), static_cast<float>(normal.y), static_cast<float>(normal.z)}});
     }
     return points;
 }

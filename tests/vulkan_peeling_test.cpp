@@ -262,6 +262,17 @@ TEST_F(VulkanPeeling, ShadesEveryKindOfSurface) {
     expect_same(compare(device(), scene, {.thickness = false}, {.thickness = false}), 50000);
 }
 
+// Software devices end all loops of an invocation after 65535 rounds, without a word.
+TEST_F(VulkanPeeling, ShadesUnderManyLights) {
+    const fs::path folder = test_folder();
+    (void)put_sphere_mesh(folder / "mesh.ply", 24);
+    std::string head = "image.resolution = [90, 80]\ncamera.position = [0, 0, 4]\n";
+    for (int i = 0; i < 500; ++i)
+        head += fmt::format("[[light]]\ndirection = [{}, {}, 1]\nintensity = 0.002\n", std::sin(i), std::cos(2 * i));
+    const PreparedScene scene = mesh_scene(folder, head, "opacity = 0.3\nshading = { specular = 0.2 }\n");
+    for (const int targets : {8, 64}) expect_same(compare(device(), scene, {}, {.targets = targets}), 4000);
+}
+
 TEST_F(VulkanPeeling, EndsAPixelWhereTheCpuDoes) {
     const PreparedScene scene = crowded(test_folder());
     for (const PeelSettings& settings : {PeelSettings{}, PeelSettings{.layers = 1}, PeelSettings{.layers = 3}, PeelSettings{.opaque_at = 0.8}})

@@ -31,7 +31,6 @@ static_assert(sizeof(Vec3) == sizeof(twin::Vec3d) && sizeof(DepthPlane) == sizeo
 static_assert(sizeof(SurfaceFragment) == sizeof(twin::PaintedFragment) && sizeof(twin::PaintedFragment) == 32);
 static_assert(sizeof(twin::PeelPixel) == 24 && sizeof(twin::PeelColor) == 40 && sizeof(twin::PeelPart) == 32);
 static_assert(sizeof(twin::PeelLight) == 20 && sizeof(twin::PeelObject) == 272 && sizeof(twin::PeelFlags) == 20);
-
 static_assert(sizeof(twin::PeelDrawPush) == 128 && sizeof(twin::PeelShadePush) == 128);
 
 enum class Output : std::uint32_t { targets, mixed, blended };
@@ -45,8 +44,12 @@ static_assert(1 << kGridBits == kSubpixels);
 /// Of the heap, what pixels may take; larger images are drawn a band of rows after the other.
 constexpr std::uint64_t kHeapShare = 4;
 constexpr std::uint64_t kMostPixelBytes = std::uint64_t{1} << 30U;
-/// A row of a small image: workgroups cost more than pixels in software.
-constexpr std::uint32_t kPixelsEachInSoftware = 32;
+/// Of an invocation that shades: workgroups cost more than pixels in software; from 32 on there is nothing to gain.
+constexpr std::uint64_t kMostPixelsEach = 32;
+/// Vulkan in software leaves every loop of an invocation after 65535 rounds (particles.cpp): slots times lights, and what
+/// is unrolled or not at the compiler's choice.
+constexpr std::uint64_t kMostIterations = 60000;
+constexpr std::uint64_t kIterationsASlot = 12;
 /// Where more fragments than M are at one depth: so many bytes a pixel are no more than 128 layers.
 constexpr int kMostSlots = 128;
 
@@ -152,7 +155,6 @@ public:
           settings_(settings),
           slots_(settings.targets),
           group_size_(group_size(device)),
-          pixels_each_(device.info().is_gpu ? 1 : kPixelsEachInSoftware),
           commands_(device) {
         const Camera& camera = scene.camera;
         side_ = std::bit_floor(std::min(device.info().largest_viewport, kMostSide));
@@ -447,13 +449,30 @@ private:
         setup_.flags = flags_.address();
 
         if (!raster_ || raster_->slots != slots_ || raster_->ranked != ranked_) raster_.emplace(Raster{slots_, ranked_, {}});
-        if (!shader_ || shader_->output != output) {
+        const std::uint32_t each = pixels_each();
+        if (!shader_ || shader_->output != output || shader_->pixels_each != each) {
             const auto any = [&](std::uint32_t flag) { return (any_flag_ & flag) != 0 ? 1U : 0U; };
-            const std::array<std::uint32_t, 8> constants{
-                group_size_, static_cast<std::uint32_t>(output), pixels_each_, perspective(), settings_.thickness ? 1U : 0U, any(twin::kPeelPainted), any(twin::kPeelSmooth),
-                any_lit_ ? 1U : 0U};
-            shader_.emplace(Shader{output, Kernel(device_, kShadeWords, {.push_bytes = sizeof(shade_), .constants = constants})});
+            const std::array<std::uint32_t, 8> constants{group_size_,
+                                                         static_cast<std::uint32_t>(output),
+                                                         each,
+                                                         perspective(),
+                                                         settings_.thickness ? 1U : 0U,
+                                                         any(twin::kPeelPainted),
+                                                         any(twin::kPeelSmooth),
+                                                         any_lit_ ? 1U : 0U};
+            shader_.emplace(Shader{output, each,
+                                   Kernel(device_, kShadeWords, {.push_bytes = sizeof(shade_), .constants = constants})});
         }
+    }
+
+    /// Pixels that one invocation shades.
+    [[nodiscard]] std::uint32_t pixels_each() const {
+        if (device_.info().is_gpu) return 1;
+        const std::uint64_t a_pixel = static_cast<std::uint64_t>(slots_) * (setup_.light_count + kIterationsASlot);
+        if (a_pixel > kMostIterations)
+            throw run_error("{}: {} lights and {} surfaces a pass are more than Vulkan in software shades", device_.info().name,
+                            setup_.light_count, slots_);
+        return static_cast<std::uint32_t>(std::min(kMostPixelsEach, kMostIterations / a_pixel));
     }
 
     [[nodiscard]] std::uint32_t perspective() const { return scene_.camera.perspective() ? 1 : 0; }
@@ -531,7 +550,7 @@ private:
         commands_.end_stage();
         commands_.barrier();
         commands_.begin_stage("shade");
-        commands_.dispatch(shader_->kernel, shade_, device_.groups_for(pixels_, group_size_ * pixels_each_));
+        commands_.dispatch(shader_->kernel, shade_, device_.groups_for(pixels_, group_size_ * shader_->pixels_each));
         commands_.end_stage();
         commands_.barrier();
         commands_.copy(flags_, 0, flags_read_, 0, flags_.bytes());
@@ -559,6 +578,7 @@ private:
     };
     struct Shader {
         Output output;
+        std::uint32_t pixels_each;
         Kernel kernel;
     };
 
@@ -567,7 +587,7 @@ private:
     const SceneMeshes& meshes_;
     PeelerSettings settings_;
     int slots_;
-    std::uint32_t group_size_, pixels_each_;
+    std::uint32_t group_size_;
     std::uint32_t side_ = 0;  // of the viewport
     std::size_t pixels_ = 0;
     std::vector<std::uint32_t> first_part_, first_judged_;  // of an object

@@ -270,7 +270,8 @@ RasterKernel::RasterKernel(const Device& device, std::span<const std::uint32_t> 
     : state_(std::make_unique<State>()) {
     assert(settings.push_bytes <= 128 && settings.push_bytes % 4 == 0);
     if (const DeviceInfo& info = device.info(); !info.why_no_triangles.empty())
-        throw Error(Failure::device, fmt::format("Vulkan device \"{}\" cannot draw triangles: {}", info.name, info.why_no_triangles));
+        throw Error(Failure::device,
+                    fmt::format("Vulkan device \"{}\" cannot draw triangles: {}", info.name, info.why_no_triangles));
     State& s = *state_;
     s.context = device.context_;
     s.push_bytes = settings.push_bytes;

@@ -55,7 +55,8 @@ void main() {
     uint triangle = kAsks != 0u || kRanked != 0u ? Parts(push.parts).at[part_number].triangle : 0u;
     if (kJudged != 0u) {
         PeelPart p = Parts(push.parts).at[part_number];
-        if (!(inside(p.x0, p.y0, p.x1, p.y1, x, y) && inside(p.x1, p.y1, p.x2, p.y2, x, y) && inside(p.x2, p.y2, p.x0, p.y0, x, y)))
+        if (!(inside(p.x0, p.y0, p.x1, p.y1, x, y) && inside(p.x1, p.y1, p.x2, p.y2, x, y) &&
+              inside(p.x2, p.y2, p.x0, p.y0, x, y)))
             return;
     }
     PeelPlane plane;

@@ -81,7 +81,8 @@ Vec3f shaded(PeelSetup s, PeelObject o, Vec3d ray, double ray_size, Vec3d normal
 double thickness_by_pixel(PeelSetup s, Vec3d world, Vec3d geometric) {
     Vec3d from = minus3d(world, push.rays.eye);
     Vec3d view = vec3d(dot3d(push.rays.axis_x, from), dot3d(push.rays.axis_y, from), dot3d(push.rays.axis_z, from));
-    Vec3d normal = vec3d(dot3d(push.rays.axis_x, geometric), dot3d(push.rays.axis_y, geometric), dot3d(push.rays.axis_z, geometric));
+    Vec3d normal = vec3d(dot3d(push.rays.axis_x, geometric), dot3d(push.rays.axis_y, geometric),
+                         dot3d(push.rays.axis_z, geometric));
     Vec3d ray = kPerspective != 0u ? view : vec3d(0.0lf, 0.0lf, 1.0lf);
     precise double side = push.rays.pixel_size * (kPerspective != 0u ? view.z : 1.0lf);
     precise double stretch = size3d(normal) * size3d(ray) / abs(dot3d(normal, ray));
@@ -155,8 +156,10 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
 // [0, 1]; (4.4) of two. By Gauss and Legendre with 8 nodes u, exact for 16 fragments; of 40 opaque ones a weight is off by
 // 1 in 250. At every node the product of all so far, and the sum of each one's colour times the product of the others.
 const uint kNodes = 8;
-const float kNode[kNodes] = float[](0.019855072, 0.101666761, 0.237233795, 0.408282679, 0.591717321, 0.762766205, 0.898333239, 0.980144928);
-const float kWeight[kNodes] = float[](0.050614268, 0.111190517, 0.156853323, 0.181341892, 0.181341892, 0.156853323, 0.111190517, 0.050614268);
+const float kNode[kNodes] = float[](0.019855072, 0.101666761, 0.237233795, 0.408282679, 0.591717321, 0.762766205,
+                                             0.898333239, 0.980144928);
+const float kWeight[kNodes] = float[](0.050614268, 0.111190517, 0.156853323, 0.181341892, 0.181341892, 0.156853323,
+                                               0.111190517, 0.050614268);
 
 struct Group {
     Slab first;
