@@ -146,15 +146,16 @@ std::uint32_t cast_group_size(const Device& device) {
     return (wished + subgroup - 1) / subgroup * subgroup;
 }
 
+std::uint32_t packets_of_row(const Camera& camera) {
+    return (static_cast<std::uint32_t>(camera.width()) + twin::kPacketSideT - 1) / twin::kPacketSideT;
+}
 std::uint32_t packets_of_image(const Camera& camera) {
-    const auto side = static_cast<int>(twin::kPacketSideT);
-    return static_cast<std::uint32_t>((camera.width() + side - 1) / side) *
-           static_cast<std::uint32_t>((camera.height() + side - 1) / side);
+    return packets_of_row(camera) * ((static_cast<std::uint32_t>(camera.height()) + twin::kPacketSideT - 1) / twin::kPacketSideT);
 }
 
-std::uint32_t packets_of_band(const Device& device, const Camera& camera) {
-    const std::uint32_t most = (device.info().is_gpu ? kBandRays : kBandRaysInSoftware) / twin::kPacketRaysT;
-    return std::max(1U, std::min(most, packets_of_image(camera)));
+std::uint32_t packets_of_band(const Device& device, const Camera& camera, std::uint32_t times) {
+    const std::uint32_t most = (device.info().is_gpu ? kBandRays / times : kBandRaysInSoftware) / twin::kPacketRaysT;
+    return std::min(std::max(most, packets_of_row(camera)), packets_of_image(camera));
 }
 
 CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
@@ -178,7 +179,7 @@ CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
     setup.camera = camera_of(scene.camera, settings.step, rays);
     setup.volume_count = static_cast<std::uint32_t>(volumes.size());
     setup.light_count = static_cast<std::uint32_t>(lights.size());
-    setup.packet_columns = (static_cast<std::uint32_t>(scene.camera.width()) + twin::kPacketSideT - 1) / twin::kPacketSideT;
+    setup.packet_columns = packets_of_row(scene.camera);
     setup.volumes = volumes_.address();
     setup.lights = lights_.address();
     setup.packet_rays = packet_rays_.address();

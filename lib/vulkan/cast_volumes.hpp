@@ -41,8 +41,9 @@ template <class T>
 
 /// Workgroup size: whole packets of rays.
 [[nodiscard]] std::uint32_t cast_group_size(const Device& device);
-/// Packets of rays that are cast at a time.
-[[nodiscard]] std::uint32_t packets_of_band(const Device& device, const Camera& camera);
+/// Packets of rays that are cast at a time, at least a row of them; fewer where each takes so many times as long.
+[[nodiscard]] std::uint32_t packets_of_band(const Device& device, const Camera& camera, std::uint32_t times = 1);
+[[nodiscard]] std::uint32_t packets_of_row(const Camera& camera);
 [[nodiscard]] std::uint32_t packets_of_image(const Camera& camera);
 
 /// Volumes in float32, and what all of their rays share.

@@ -146,6 +146,7 @@ Image cast_volumes(const Device& device, const PreparedScene& scene, const Multi
     const std::uint32_t columns = setup.packet_columns;
     // Surfaces come by rows of pixels.
     std::uint32_t band = volumes.band();
+    if (layers) band = std::min(band, packets_of_band(device, camera, kPlainTimes));
     if (surfaces) {
         const auto rows = static_cast<std::uint32_t>(rows_of_band(camera, settings.rays));
         band = std::max(1U, std::min(band / columns, rows / twin::kPacketSideT)) * columns;

@@ -68,7 +68,7 @@ static_assert(offsetof(twin::PlainGrid, samples) == 248 && offsetof(twin::PlainS
 
 PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::span<const VolumeObject* const> volumes,
                        const CastSettings& settings, int rays)
-    : device_(&with_doubles(device)), group_size_(cast_group_size(device)), band_(packets_of_band(device, scene.camera)) {
+    : device_(&with_doubles(device)), group_size_(cast_group_size(device)), band_(packets_of_band(device, scene.camera, kPlainTimes)) {
     std::vector<twin::PlainVolume> items;
     for (const VolumeObject* volume : volumes) {
         const pellucid::VolumeCaster exact(scene, *volume, settings);
@@ -90,7 +90,7 @@ PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::sp
 
 PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::span<const Object* const> objects,
                        std::span<const double> thickness, const CastSettings& settings, int rays)
-    : device_(&with_doubles(device)), group_size_(cast_group_size(device)), band_(packets_of_band(device, scene.camera)) {
+    : device_(&with_doubles(device)), group_size_(cast_group_size(device)), band_(packets_of_band(device, scene.camera, kPlainTimes)) {
     std::vector<twin::PlainSurface> items;
     for (const Object* object : objects) {
         const FieldSurface surface = *object->geometry->field_surface();
@@ -126,7 +126,7 @@ void PlainCasts::set_up(const PreparedScene& scene, const CastSettings& settings
     setup.camera = camera_of(scene.camera, settings.step, rays);
     setup.volume_count = static_cast<std::uint32_t>(count);
     setup.light_count = static_cast<std::uint32_t>(lights.size());
-    setup.packet_columns = (static_cast<std::uint32_t>(scene.camera.width()) + twin::kPacketSideT - 1) / twin::kPacketSideT;
+    setup.packet_columns = packets_of_row(scene.camera);
     setup.volumes = items_.address();
     setup.lights = lights_.address();
     setup.status = status_.address();

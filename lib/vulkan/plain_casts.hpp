@@ -6,6 +6,9 @@
 
 namespace pellucid::vulkan {
 
+/// So many times as long as in float32 a step takes in double, at least, on GPUs that have few units for it.
+inline constexpr std::uint32_t kPlainTimes = 16;
+
 /// In double; n × n rays a pixel.
 class PlainCasts {
 public:

@@ -33,7 +33,7 @@ void main() {
     if (pixel.x >= camera.width || pixel.y >= camera.height) return;
     PlainSurface s = Surfaces(setup.it.volumes).at[0];
     last_z = 0.0;
-    sink_start(uint(pixel.y * camera.width + pixel.x), number);
+    sink_start(uint(pixel.y * camera.width + pixel.x));
     bool ended = find_crossings(camera, Lights(setup.it.lights), s, plain_ray(camera, s.grid, pixel, 0u, false));
     if (!ended) Status(setup.it.status).unfinished = 1u;
     sink_finish();

@@ -20,7 +20,7 @@ void main() {
     Lights lights = Lights(setup.it.lights);
     PlainWalk w = plain_start(v, plain_ray(camera, v.grid, pixel, 0u, true));
     bool ended = false;
-    sink_start(uint(pixel.y * camera.width + pixel.x), number);
+    sink_start(uint(pixel.y * camera.width + pixel.x));
     for (;;) {
         if (!plain_done(w)) plain_skip(w, v);
         if (plain_done(w)) {
