@@ -34,9 +34,10 @@ private:
         Buffer samples, pieces, distance, planes;
     };
     void set_up(const PreparedScene& scene, const CastSettings& settings, int rays, std::size_t count);
-    [[nodiscard]] twin::PlainGrid grid_on_device(const VolumeField& field, const Affine& to_world, const Affine& to_index,
-                                                 const EmptySpace& space, std::span<const ClipPlane> clip,
-                                                 const Shading& shading, Held& held);
+    [[nodiscard]] twin::PlainGrid grid_on_device(const VolumeField& field, const Affine& to_world,
+                                                 const Affine& to_index, const EmptySpace& space,
+                                                 std::span<const ClipPlane> clip, const Shading& shading,
+                                                 Held& held);
 
     const Device* device_;
     std::uint32_t group_size_, band_;

@@ -1,5 +1,5 @@
-// The rays of some packets of pixels through one volume, in double: as volume_cast.glsl, for other interpolations and
-// for rays of a million steps. Include a sink first.
+// The rays of some packets of pixels through one volume, in double: as volume_cast.glsl, for other
+// interpolations and for rays of a million steps. Include a sink first.
 layout(buffer_reference, scalar) readonly buffer PlainSetup { CastSetup it; };
 layout(push_constant, scalar) uniform Push {
     PlainSetup setup;

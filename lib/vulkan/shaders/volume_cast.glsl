@@ -1,6 +1,6 @@
-// The rays of some packets through one volume, as slabs with opacity > 0 from front to back; float32, trilinear.
-// An invocation is one ray: it reads its PacketRay and VolumeRay, and hands its slabs to the sink, which alone
-// writes, by pixel. Include a sink first: see slab_list.glsl.
+// The rays of some packets through one volume, as slabs with opacity > 0 from front to back; float32,
+// trilinear. An invocation is one ray: it reads its PacketRay and VolumeRay, and hands its slabs to the sink,
+// which alone writes, by pixel. Include a sink first: see slab_list.glsl.
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     Sink sink;
