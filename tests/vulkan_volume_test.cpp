@@ -339,6 +339,23 @@ TEST_F(VulkanVolumes, BandsOfALargeImageMeet) {
             ASSERT_NEAR(image.plane(plane)[i], by_cpu.plane(plane)[i], 1e-5F) << plane << i;
 }
 
+// Software devices end all loops of an invocation after 65535 rounds, without a word: the shaders have one.
+TEST_F(VulkanVolumes, RaysThatSoftwareCutsShortAreAnError) {
+    const vulkan::Device device;
+    if (device.info().is_gpu) GTEST_SKIP() << "skipped: no Vulkan in software";
+    for (const char* interpolation : {"trilinear", "nearest"}) {
+        const Case c{.name = "",
+                     .transfer = {{0.5, 1, 1, 1, 0}},
+                     .interpolation = interpolation,
+                     .width = 4,
+                     .height = 4};
+        const PreparedScene scene = scene_of(c);
+        const VolumeObject& volume = scene.volumes[0];
+        EXPECT_THROW((void)vulkan::cast_slabs(device, scene, volume, {.step = 1e-5, .skip = false}, 1), Error);
+        EXPECT_NO_THROW((void)vulkan::cast_slabs(device, scene, volume, {.step = 1e-2, .skip = false}, 1));
+    }
+}
+
 TEST_F(VulkanVolumes, WhatHasNoThicknessIsNotDrawn) {
     const vulkan::Device device({.validate = true});
     const PreparedScene scene = scene_of({.name = "", .size = {43, 1, 27}});

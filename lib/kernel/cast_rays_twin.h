@@ -29,7 +29,9 @@ struct CastCamera {
     int width;
     int height;
     uint perspective;
-    uint rays;  // n: n × n rays a pixel
+    uint rays;         // n: n × n rays a pixel
+    uint most_rounds;  // of a ray's loop: no limit, but one that a compiler does not know
+    uint unused;
 };
 
 // Keeps normal·x <= offset, world.

@@ -21,7 +21,7 @@ static_assert(sizeof(twin::TransferPiece) == 48 && sizeof(twin::CastLight) == 20
               sizeof(twin::RaySteps) == 16 && sizeof(twin::CastPlane) == 32);
 static_assert(offsetof(twin::CastVolume, shading) == 120 && offsetof(twin::CastVolume, samples) == 240 &&
               sizeof(twin::CastVolume) == 272);
-static_assert(sizeof(twin::CastCamera) == 160 && offsetof(twin::CastSetup, volumes) == 176);
+static_assert(sizeof(twin::CastCamera) == 168 && offsetof(twin::CastSetup, volumes) == 184);
 static_assert(twin::kSamplesFloats == static_cast<std::uint32_t>(PackedVolume::Kind::floats));
 
 struct RaysPush {
@@ -138,7 +138,9 @@ twin::CastCamera camera_of(const Camera& camera, double step, int rays) {
             .width = camera.width(),
             .height = camera.height(),
             .perspective = camera.perspective() ? 1U : 0U,
-            .rays = static_cast<std::uint32_t>(rays)};
+            .rays = static_cast<std::uint32_t>(rays),
+            .most_rounds = ~0U,
+            .unused = 0};
 }
 
 twin::CastPlace place_of(const Affine& to_index, const Vec3& last) {

@@ -63,8 +63,8 @@ bool find_crossings(CastCamera camera, Lights lights, PlainSurface s, PlainRay r
     double t = r.span.lo;
     bool here_number;
     double here = surface_value(s, r, t, here_number);
-    bool ended = false;
-    for (;;) {
+    bool ended = false;  // and not cut
+    for (uint rounds = camera.most_rounds; rounds > 0u; --rounds) {
         if (!(t < r.span.hi)) {
             ended = true;
             break;

@@ -77,8 +77,10 @@ void main() {
     }
     Sums sums = Sums(Vec3f(0.0, 0.0, 0.0), 1.0, kCastNever);
     float least_clear = setup.it.least_clear;
-    bool ended = false;
-    for (float i = 0.0;; i += 1.0) {
+    bool ended = false;  // and not cut
+    uint rounds = setup.it.camera.most_rounds;
+    for (float i = 0.0; rounds > 0u; i += 1.0) {
+        --rounds;
         if (!(sums.clear > least_clear && i < ray.last)) {
             ended = true;
             break;

@@ -44,8 +44,8 @@ void main() {
     Gathered sum = Gathered(1.0lf, 0.0lf, 0.0lf, 0.0lf, kNoDepth);
     double least_clear = double(setup.it.least_clear);
     double dt = walks[0].r.dt;
-    bool ended = false;
-    for (;;) {
+    bool ended = false;  // and not cut
+    for (uint rounds = camera.most_rounds; rounds > 0u; --rounds) {
         if (!(sum.clear > least_clear)) {
             ended = true;
             break;

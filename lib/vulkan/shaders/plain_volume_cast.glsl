@@ -19,9 +19,9 @@ void main() {
     PlainVolume v = PlainVolumes(setup.it.volumes).at[0];
     Lights lights = Lights(setup.it.lights);
     PlainWalk w = plain_start(v, plain_ray(camera, v.grid, pixel, 0u, true));
-    bool ended = false;
+    bool ended = false;  // and not cut
     sink_start(uint(pixel.y * camera.width + pixel.x));
-    for (;;) {
+    for (uint rounds = camera.most_rounds; rounds > 0u; --rounds) {
         if (!plain_done(w)) plain_skip(w, v);
         if (plain_done(w)) {
             ended = true;

@@ -21,8 +21,10 @@ void main() {
     float clear = 1.0;
     bool look_ahead = true, primed = false;
     sink_start(uint(pixel.y * setup.it.camera.width + pixel.x));
-    bool ended = false;
-    for (float i = 0.0;; i += 1.0) {
+    bool ended = false;  // and not cut
+    uint rounds = setup.it.camera.most_rounds;
+    for (float i = 0.0; rounds > 0u; i += 1.0) {
+        --rounds;
         if (!(clear > least_clear && i < ray.last)) ended = true;
         if (!ended && look_ahead) {
             float next = next_step(w, v, i);
