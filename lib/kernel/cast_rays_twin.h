@@ -1,8 +1,8 @@
-// Rays of pixels and where they meet a volume, in double: what cpu/volume_caster.cpp (VolumeCaster::enter) and
-// make_packet of cpu/fast_volume_caster.cpp do, with the same operations in the same order.
+// Rays of pixels and where they meet a volume, in double: what cpu/volume_caster.cpp (VolumeCaster::enter)
+// and make_packet of cpu/fast_volume_caster.cpp do, with the same operations in the same order.
 //
-// All rays are sampled on a fixed grid: at depths t = k·dt, k whole. The rays of a packet of 4 × 4 pixels count
-// their steps from one of them, so that what float32 has to say of a ray is small.
+// All rays are sampled on a fixed grid: at depths t = k·dt, k whole. The rays of a packet of 4 × 4 pixels
+// count their steps from one of them, so that what float32 has to say of a ray is small.
 #ifndef PELLUCID_KERNEL_CAST_RAYS_TWIN_H
 #define PELLUCID_KERNEL_CAST_RAYS_TWIN_H
 #include "kernel/cast_twin.h"
@@ -24,7 +24,9 @@ struct CastCamera {
     int width;
     int height;
     uint perspective;
-    uint rays;        // n: n × n rays a pixel
+    uint rays;         // n: n × n rays a pixel
+    uint most_rounds;  // of a ray's loop: no limit, but one that a compiler does not know
+    uint unused;
 };
 
 // Keeps normal·x <= offset, world.
@@ -39,12 +41,12 @@ struct CastPlace {
     Vec3d column1;
     Vec3d column2;
     Vec3d offset;
-    Vec3d last;         // sample along each axis
+    Vec3d last;  // sample along each axis
 };
 
 struct RayD {
     Vec3d origin;
-    Vec3d direction;    // 1 along the view axis
+    Vec3d direction;  // 1 along the view axis
 };
 
 TWIN_FN Vec3d vec3d(double x, double y, double z) {
@@ -78,7 +80,8 @@ TWIN_FN double mapped_d(double c0, double c1, double c2, Vec3d v) {
     return r;
 }
 TWIN_FN Vec3d place_vector(CastPlace m, Vec3d v) {
-    return vec3d(mapped_d(m.column0.x, m.column1.x, m.column2.x, v), mapped_d(m.column0.y, m.column1.y, m.column2.y, v),
+    return vec3d(mapped_d(m.column0.x, m.column1.x, m.column2.x, v),
+                 mapped_d(m.column0.y, m.column1.y, m.column2.y, v),
                  mapped_d(m.column0.z, m.column1.z, m.column2.z, v));
 }
 TWIN_FN Vec3d place_point(CastPlace m, Vec3d v) {
@@ -101,8 +104,10 @@ TWIN_FN RayD camera_ray(CastCamera c, double x, double y) {
     RayD ray;
     ray.origin = c.eye;
     ray.direction = c.forward;
-    if (c.perspective != 0u) ray.direction = along3d(c.forward, double(1), aside);
-    else ray.origin = along3d(c.eye, double(1), aside);
+    if (c.perspective != 0u)
+        ray.direction = along3d(c.forward, double(1), aside);
+    else
+        ray.origin = along3d(c.eye, double(1), aside);
     return ray;
 }
 
@@ -181,25 +186,25 @@ TWIN_FN Vec3f unit_to_viewer(Vec3d direction) {
 struct CastVolume {
     CastPlace place;
     CastShading shading;
-    Vec3f last;            // sample along each axis
+    Vec3f last;  // sample along each axis
     int last_cell_x;
     int last_cell_y;
     int last_cell_z;
-    uint row;              // samples
+    uint row;  // samples
     uint slice;
     int blocks_x;
     int blocks_y;
     int blocks_z;
-    uint anything;         // 0: nothing is to be seen anywhere
+    uint anything;  // 0: nothing is to be seen anywhere
     uint kind;
     uint piece_count;
-    float steps;           // opacity steps in a step
+    float steps;  // opacity steps in a step
     uint plane_count;
     uint lit;
-    uint64_t samples;      // cells' corners: uint, uint64_t, or samples: float, by kind
-    uint64_t pieces;       // TransferPiece
-    uint64_t distance;     // bytes; 0: everything is visited
-    uint64_t planes;       // CastPlane
+    uint64_t samples;   // cells' corners: uint, uint64_t, or samples: float, by kind
+    uint64_t pieces;    // TransferPiece
+    uint64_t distance;  // bytes; 0: everything is visited
+    uint64_t planes;    // CastPlane
 };
 
 // Multi-volume casting: a surface at one depth of a ray, associated colour.
@@ -234,16 +239,17 @@ struct CastSetup {
     uint64_t ray_steps;    // RaySteps
     uint64_t status;       // uint: kCastCut, and …
     // Multi-volume casting.
-    uint64_t layers;       // RayLayer: `layer_room` a ray, from front to back; 0: there are none
-    uint64_t layer_counts; // uint a ray
-    uint64_t surfaces;     // PlainSurface: isosurfaces
-    uint64_t given;        // Slab: layers that came from elsewhere, sorted …
-    uint64_t given_first;  // … and uint a ray and one more: where its own begin; row by row of `rays` times as many
+    uint64_t layers;        // RayLayer: `layer_room` a ray, from front to back; 0: there are none
+    uint64_t layer_counts;  // uint a ray
+    uint64_t surfaces;      // PlainSurface: isosurfaces
+    uint64_t given;         // Slab: layers that came from elsewhere, sorted …
+    uint64_t given_first;  // … and uint a ray and one more: where its own begin; row by row of `rays` times
+                           // as many
     uint64_t totals;       // PixelTotal, row by row of the image
     uint64_t planes;       // float: five planes
     uint surface_count;
     uint layer_room;
-    uint given_row;        // of pixels, the first one
+    uint given_row;  // of pixels, the first one
     uint mixing;
 };
 

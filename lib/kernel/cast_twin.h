@@ -1,10 +1,10 @@
 // A ray's step through a volume: what is trilinear between eight samples, closed-form pre-integration of a
-// transfer function that is linear in pieces, and light. K. Engel, M. Kraus, T. Ertl, High-quality pre-integrated
-// volume rendering, Graphics Hardware 2001; cpu/preintegration.cpp has the derivation.
+// transfer function that is linear in pieces, and light. K. Engel, M. Kraus, T. Ertl, High-quality
+// pre-integrated volume rendering, Graphics Hardware 2001; cpu/preintegration.cpp has the derivation.
 //
-// In float32, the operations of cpu/fast_volume_caster.cpp in the same order, one lane: so the same bits wherever
-// the division rounds as the standard says (Vulkan grants it 2.5 ULP). Numbers that are none are told apart by
-// flags and by integers: a device need not keep them.
+// In float32, the operations of cpu/fast_volume_caster.cpp in the same order, one lane: so the same bits
+// wherever the division rounds as the standard says (Vulkan grants it 2.5 ULP). Numbers that are none are
+// told apart by flags and by integers: a device need not keep them.
 #ifndef PELLUCID_KERNEL_CAST_TWIN_H
 #define PELLUCID_KERNEL_CAST_TWIN_H
 #include "kernel/math_twin.h"
@@ -13,21 +13,21 @@
 TWIN_BEGIN
 
 // What the kernels that cast share with their hosts.
-const uint kPacketSideT = 4u;        // pixels; rays of a packet count their steps from one place
+const uint kPacketSideT = 4u;  // pixels; rays of a packet count their steps from one place
 const uint kPacketRaysT = 16u;
-const uint kSamplesBytes = 0u;       // as PackedVolume::Kind
+const uint kSamplesBytes = 0u;  // as PackedVolume::Kind
 const uint kSamplesWords = 1u;
 const uint kSamplesFloats = 2u;
-const float kCastNever = 1e9f;       // u that no ray reaches
-const float kCastFaceRoom = 2e-3f;   // voxels: what is near a face of blocks that are skipped is looked at
-const float kCastBlocks = 1e6f;      // optical depth that stands for what blocks
+const float kCastNever = 1e9f;      // u that no ray reaches
+const float kCastFaceRoom = 2e-3f;  // voxels: what is near a face of blocks that are skipped is looked at
+const float kCastBlocks = 1e6f;     // optical depth that stands for what blocks
 
 // Of a transfer function, for values less the volume's offset: holds for begin <= value < end.
 struct TransferPiece {
     float begin;
     float end;
     float base;
-    float opacity;         // opacity + (value - base)·opacity_slope
+    float opacity;  // opacity + (value - base)·opacity_slope
     float opacity_slope;
     float r;
     float g;
@@ -46,7 +46,7 @@ struct CastLight {
 
 // Rays of a packet in one volume: u steps after the packet's first they are at p + u·d, in samples.
 struct VolumeRay {
-    float u_in;   // u_in >= u_out: misses it
+    float u_in;  // u_in >= u_out: misses it
     float u_out;
     Vec3f p;
     Vec3f d;
@@ -60,7 +60,8 @@ struct PacketRay {
 
 // ---- Between samples
 
-// Samples at the low end along x, and what the high end adds, at (y, z), y + 1, z + 1, both; place in the cell.
+// Samples at the low end along x, and what the high end adds, at (y, z), y + 1, z + 1, both; place in the
+// cell.
 struct CastCell {
     float low0;
     float low1;
@@ -101,7 +102,8 @@ TWIN_FN Vec3f cell_gradient(CastCell c) {
     float high = cast_between(d, e, c.at.y);
     TWIN_PRECISE float along_z = high - low;
     Vec3f g;
-    g.x = cast_between(cast_between(c.more0, c.more1, c.at.y), cast_between(c.more2, c.more3, c.at.y), c.at.z);
+    g.x =
+        cast_between(cast_between(c.more0, c.more1, c.at.y), cast_between(c.more2, c.more3, c.at.y), c.at.z);
     g.y = cast_between(near, far, c.at.z);
     g.z = along_z;
     return g;
@@ -159,8 +161,8 @@ TWIN_FN PieceDepth depth_of_opacities(float a0, float a1) {
         depth = steep_depth(r, log_middle);
     } else {
         // 1/6, 1/20, 1/42, 1/72, 1/110 and 1/3, 1/15, 1/35, 1/63, 1/99.
-        TWIN_PRECISE float mean = log_middle + r2 * cast_series(r2, 0.166666672f, 0.0500000007f, 0.0238095243f,
-                                                                0.013888889f, 0.0090909088f);
+        TWIN_PRECISE float mean = log_middle + r2 * cast_series(r2, 0.166666672f, 0.0500000007f,
+                                                                0.0238095243f, 0.013888889f, 0.0090909088f);
         TWIN_PRECISE float skew = (-0.5f * r) * cast_series(r2, 0.333333343f, 0.0666666701f, 0.0285714287f,
                                                             0.0158730168f, 0.0101010101f);
         depth.mean = mean;
@@ -186,8 +188,8 @@ TWIN_FN float opacity_of_depth(float depth) {
 }
 
 // Where colour changes evenly along a part, what is seen of it stands by this share of the part behind its
-// middle: for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to 0.02, and
-// to 2e-3 up to a depth of 2.
+// middle: for opacity that changes, skew/mean; for what attenuates on the way, 1/τ − 1/(e^τ − 1) − ½ to 0.02,
+// and to 2e-3 up to a depth of 2.
 TWIN_FN float cast_color_shift(PieceDepth piece, float depth) {
     TWIN_PRECISE float mean = max(piece.mean, 1e-30f);
     TWIN_PRECISE float shift;
@@ -217,8 +219,8 @@ TWIN_FN StepLook no_look() {
     return look;
 }
 
-// `look`, which lets `clear` pass, and behind it the values from `from` to `to` within a piece: `share` of `steps`
-// opacity steps.
+// `look`, which lets `clear` pass, and behind it the values from `from` to `to` within a piece: `share` of
+// `steps` opacity steps.
 struct PartLook {
     StepLook look;
     float clear;
@@ -270,7 +272,9 @@ struct CastShading {
     float shininess;
 };
 
-TWIN_FN float cast_steepest(Vec3f gradient) { return max(max(abs(gradient.x), abs(gradient.y)), abs(gradient.z)); }
+TWIN_FN float cast_steepest(Vec3f gradient) {
+    return max(max(abs(gradient.x), abs(gradient.y)), abs(gradient.z));
+}
 
 // Unit normal on the viewer's side; `steepest` > 0 is that of the gradient.
 TWIN_FN Vec3f cast_normal(CastShading s, Vec3f gradient, float steepest, Vec3f viewer) {
@@ -311,7 +315,8 @@ TWIN_FN Vec3f cast_lit_color(CastShading s, LightSums sums, Vec3f color, float o
     return lit;
 }
 
-// ---- Mixing volumes: zSlab (4.1) to (4.4), and by extinction; what one volume's step adds to those before it
+// ---- Mixing volumes: zSlab (4.1) to (4.4), and by extinction; what one volume's step adds to those before
+// it
 
 struct CastMixture {
     StepLook sum;

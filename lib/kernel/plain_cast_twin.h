@@ -1,5 +1,5 @@
-// Casting in double, as cpu/volume_caster.cpp does it: what its shaders read, and the two elementary functions that
-// GLSL has for float alone.
+// Casting in double, as cpu/volume_caster.cpp does it: what its shaders read, and the two elementary
+// functions that GLSL has for float alone.
 #ifndef PELLUCID_KERNEL_PLAIN_CAST_TWIN_H
 #define PELLUCID_KERNEL_PLAIN_CAST_TWIN_H
 #include "kernel/cast_rays_twin.h"
@@ -11,8 +11,9 @@ namespace pellucid::twin {
 #endif
 TWIN_BEGIN
 
-// ln(1 + x) to 3e-16 of it, for x > -1. 1 + x = 2^k·m with m in [√½, √2); with s = (m − 1)/(m + 1) the series of
-// 2·atanh s, |s| < 0.172, whose first term left out is below 2e-18; what 1 + x lost by rounding is added as its share.
+// ln(1 + x) to 3e-16 of it, for x > -1. 1 + x = 2^k·m with m in [√½, √2); with s = (m − 1)/(m + 1) the series
+// of 2·atanh s, |s| < 0.172, whose first term left out is below 2e-18; what 1 + x lost by rounding is added
+// as its share.
 TWIN_FN double log1p_d(double x) {
     TWIN_PRECISE double sum = double(1) + x;
     TWIN_PRECISE double lost = (x - (sum - double(1))) / sum;
@@ -73,17 +74,17 @@ struct PlainPiece {
     double end;
 };
 
-// A grid of samples (float), x fastest: a volume's, or an isosurface's. For Catmull-Rom one sample more on every
-// side, the continuation beyond the border.
+// A grid of samples (float), x fastest: a volume's, or an isosurface's. For Catmull-Rom one sample more on
+// every side, the continuation beyond the border.
 struct PlainGrid {
     CastPlace place;
-    Vec3d cofactor0;     // columns of what carries a gradient into the world, as a normal
+    Vec3d cofactor0;  // columns of what carries a gradient into the world, as a normal
     Vec3d cofactor1;
     Vec3d cofactor2;
-    int size_x;          // without what is continued
+    int size_x;  // without what is continued
     int size_y;
     int size_z;
-    int blocks_x;        // 0: everything is visited
+    int blocks_x;  // 0: everything is visited
     int blocks_y;
     int blocks_z;
     uint anything;
@@ -95,14 +96,14 @@ struct PlainGrid {
     float specular;
     float shininess;
     uint64_t samples;
-    uint64_t distance;   // bytes
-    uint64_t planes;     // CastPlane
+    uint64_t distance;  // bytes
+    uint64_t planes;    // CastPlane
 };
 
 struct PlainVolume {
     PlainGrid grid;
     double opacity_step;
-    uint64_t pieces;     // PlainPiece
+    uint64_t pieces;  // PlainPiece
     uint piece_count;
     uint unused;
 };

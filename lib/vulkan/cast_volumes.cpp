@@ -16,11 +16,12 @@ constexpr std::uint32_t kRaysWords[] = {
 #include "shaders/cast_rays.comp.inc"
 };
 
-static_assert(sizeof(twin::TransferPiece) == 48 && sizeof(twin::CastLight) == 20 && sizeof(twin::VolumeRay) == 32 &&
-              sizeof(twin::PacketRay) == 24 && sizeof(twin::RaySteps) == 16 && sizeof(twin::CastPlane) == 32);
+static_assert(sizeof(twin::TransferPiece) == 48 && sizeof(twin::CastLight) == 20 &&
+              sizeof(twin::VolumeRay) == 32 && sizeof(twin::PacketRay) == 24 &&
+              sizeof(twin::RaySteps) == 16 && sizeof(twin::CastPlane) == 32);
 static_assert(offsetof(twin::CastVolume, shading) == 120 && offsetof(twin::CastVolume, samples) == 240 &&
               sizeof(twin::CastVolume) == 272);
-static_assert(sizeof(twin::CastCamera) == 160 && offsetof(twin::CastSetup, volumes) == 176);
+static_assert(sizeof(twin::CastCamera) == 168 && offsetof(twin::CastSetup, volumes) == 184);
 static_assert(twin::kSamplesFloats == static_cast<std::uint32_t>(PackedVolume::Kind::floats));
 
 struct RaysPush {
@@ -28,32 +29,40 @@ struct RaysPush {
     std::uint32_t first, count, part;
 };
 
-/// Rays that keep a device busy, and whose states take little memory; what a real GPU computes within its time limit.
+/// Rays that keep a device busy, and whose states take little memory; what a real GPU computes within its
+/// time limit.
 constexpr std::uint32_t kBandRays = 1U << 20U;
 constexpr std::uint32_t kBandRaysInSoftware = 1U << 16U;
 
-[[nodiscard]] std::size_t wide(int n) { return static_cast<std::size_t>(n); }
+[[nodiscard]] std::size_t wide(int n) {
+    return static_cast<std::size_t>(n);
+}
 
 [[nodiscard]] twin::Vec3f narrow(const Vec3& v) {
     return {static_cast<float>(v.x), static_cast<float>(v.y), static_cast<float>(v.z)};
 }
 
-/// The samples of cells, less the least one: of cell (i, j, k) the four at its lower z as one word, x fastest.
+/// The samples of cells, less the least one: of cell (i, j, k) the four at its lower z as one word, x
+/// fastest.
 template <class Word, class Sample>
 [[nodiscard]] std::vector<Word> cell_words(const VoxelGrid& grid, double least) {
     std::vector<Word> words(grid.values.size());
     const auto offset = static_cast<float>(least);
     parallel_for(wide(grid.size[1]) * wide(grid.size[2]), 16, [&](std::size_t begin, std::size_t end) {
         for (std::size_t row = begin; row < end; ++row) {
-            const int j = static_cast<int>(row % wide(grid.size[1])), k = static_cast<int>(row / wide(grid.size[1]));
+            const int j = static_cast<int>(row % wide(grid.size[1])),
+                      k = static_cast<int>(row / wide(grid.size[1]));
             const float* near = &grid.values[grid.index(0, j, k)];
             const float* far = &grid.values[grid.index(0, std::min(j + 1, grid.size[1] - 1), k)];
-            const auto word = [&](const float* v, int i) { return static_cast<Word>(static_cast<Sample>(v[i] - offset)); };
+            const auto word = [&](const float* v, int i) {
+                return static_cast<Word>(static_cast<Sample>(v[i] - offset));
+            };
             constexpr int kBits = 8 * sizeof(Sample);
             for (int i = 0; i < grid.size[0]; ++i) {
                 const int next = std::min(i + 1, grid.size[0] - 1);
                 words[row * wide(grid.size[0]) + wide(i)] = word(near, i) | word(near, next) << kBits |
-                                                            word(far, i) << 2 * kBits | word(far, next) << 3 * kBits;
+                                                            word(far, i) << 2 * kBits |
+                                                            word(far, next) << 3 * kBits;
             }
         }
     });
@@ -63,8 +72,9 @@ template <class Word, class Sample>
 [[nodiscard]] std::vector<twin::TransferPiece> pieces_of(const PackedTransfer& t) {
     std::vector<twin::TransferPiece> pieces;
     for (std::size_t k = 0; k < t.count; ++k)
-        pieces.push_back({t.begin[k], t.end[k], t.base[k], t.opacity[k], t.opacity_slope[k], t.color[0][k], t.color[1][k],
-                          t.color[2][k], t.color_slope[0][k], t.color_slope[1][k], t.color_slope[2][k], 0});
+        pieces.push_back({t.begin[k], t.end[k], t.base[k], t.opacity[k], t.opacity_slope[k], t.color[0][k],
+                          t.color[1][k], t.color[2][k], t.color_slope[0][k], t.color_slope[1][k],
+                          t.color_slope[2][k], 0});
     return pieces;
 }
 
@@ -99,7 +109,8 @@ bool has_holes(const VoxelGrid& grid) {
     std::atomic<bool> found{false};
     parallel_for(grid.values.size(), std::size_t{1} << 18U, [&](std::size_t begin, std::size_t end) {
         if (!std::all_of(grid.values.begin() + static_cast<std::ptrdiff_t>(begin),
-                         grid.values.begin() + static_cast<std::ptrdiff_t>(end), [](float v) { return v == v; }))
+                         grid.values.begin() + static_cast<std::ptrdiff_t>(end),
+                         [](float v) { return v == v; }))
             found = true;
     });
     return found;
@@ -108,7 +119,8 @@ bool has_holes(const VoxelGrid& grid) {
 std::vector<twin::CastLight> lights_of(const PreparedScene& scene) {
     std::vector<twin::CastLight> lights;
     for (const Light& light : scene.settings.lights)
-        lights.push_back({narrow(light.direction), static_cast<float>(light.intensity), light.headlight ? 1U : 0U});
+        lights.push_back(
+            {narrow(light.direction), static_cast<float>(light.intensity), light.headlight ? 1U : 0U});
     return lights;
 }
 
@@ -126,7 +138,9 @@ twin::CastCamera camera_of(const Camera& camera, double step, int rays) {
             .width = camera.width(),
             .height = camera.height(),
             .perspective = camera.perspective() ? 1U : 0U,
-            .rays = static_cast<std::uint32_t>(rays)};
+            .rays = static_cast<std::uint32_t>(rays),
+            .most_rounds = ~0U,
+            .unused = 0};
 }
 
 twin::CastPlace place_of(const Affine& to_index, const Vec3& last) {
@@ -146,15 +160,18 @@ std::uint32_t cast_group_size(const Device& device) {
     return (wished + subgroup - 1) / subgroup * subgroup;
 }
 
+std::uint32_t packets_of_row(const Camera& camera) {
+    return (static_cast<std::uint32_t>(camera.width()) + twin::kPacketSideT - 1) / twin::kPacketSideT;
+}
 std::uint32_t packets_of_image(const Camera& camera) {
-    const auto side = static_cast<int>(twin::kPacketSideT);
-    return static_cast<std::uint32_t>((camera.width() + side - 1) / side) *
-           static_cast<std::uint32_t>((camera.height() + side - 1) / side);
+    return packets_of_row(camera) *
+           ((static_cast<std::uint32_t>(camera.height()) + twin::kPacketSideT - 1) / twin::kPacketSideT);
 }
 
-std::uint32_t packets_of_band(const Device& device, const Camera& camera) {
-    const std::uint32_t most = (device.info().is_gpu ? kBandRays : kBandRaysInSoftware) / twin::kPacketRaysT;
-    return std::max(1U, std::min(most, packets_of_image(camera)));
+std::uint32_t packets_of_band(const Device& device, const Camera& camera, std::uint32_t times) {
+    const std::uint32_t most =
+        (device.info().is_gpu ? kBandRays / times : kBandRaysInSoftware) / twin::kPacketRaysT;
+    return std::min(std::max(most, packets_of_row(camera)), packets_of_image(camera));
 }
 
 CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
@@ -162,7 +179,8 @@ CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
     : device_(&with_doubles(device)),
       group_size_(cast_group_size(device)),
       band_(packets_of_band(device, scene.camera)),
-      rays_kernel_(device, kRaysWords, {.push_bytes = sizeof(RaysPush), .constants = std::array{group_size_}}) {
+      rays_kernel_(device, kRaysWords,
+                   {.push_bytes = sizeof(RaysPush), .constants = std::array{group_size_}}) {
     std::vector<twin::CastVolume> placed;
     for (const VolumeObject* volume : volumes) placed.push_back(place_on_device(*volume, settings));
     const std::vector<twin::CastLight> lights = lights_of(scene);
@@ -178,7 +196,7 @@ CastVolumes::CastVolumes(const Device& device, const PreparedScene& scene,
     setup.camera = camera_of(scene.camera, settings.step, rays);
     setup.volume_count = static_cast<std::uint32_t>(volumes.size());
     setup.light_count = static_cast<std::uint32_t>(lights.size());
-    setup.packet_columns = (static_cast<std::uint32_t>(scene.camera.width()) + twin::kPacketSideT - 1) / twin::kPacketSideT;
+    setup.packet_columns = packets_of_row(scene.camera);
     setup.volumes = volumes_.address();
     setup.lights = lights_.address();
     setup.packet_rays = packet_rays_.address();
@@ -245,11 +263,12 @@ twin::CastVolume CastVolumes::place_on_device(const VolumeObject& volume, const 
 }
 
 std::vector<std::uint32_t> CastVolumes::constants(SlabMixing mixing) const {
-    return {group_size_,       kinds_,          lit_ ? 1U : 0U,  glossy_ ? 1U : 0U,
+    return {group_size_,       kinds_,           lit_ ? 1U : 0U,  glossy_ ? 1U : 0U,
             setup.light_count, holes_ ? 1U : 0U, skip_ ? 1U : 0U, static_cast<std::uint32_t>(mixing)};
 }
 
-void CastVolumes::record_rays(Commands& commands, std::uint32_t first, std::uint32_t count, std::uint32_t part) const {
+void CastVolumes::record_rays(Commands& commands, std::uint32_t first, std::uint32_t count,
+                              std::uint32_t part) const {
     commands.dispatch(rays_kernel_, RaysPush{setup_.address(), first, count, part},
                       device_->groups_for(std::uint64_t{count} * twin::kPacketRaysT, group_size_));
 }
@@ -261,7 +280,9 @@ void CastVolumes::begin(Commands& commands) const {
     commands.barrier();
 }
 
-std::uint32_t CastVolumes::check() const { return check_status(*device_, status_); }
+std::uint32_t CastVolumes::check() const {
+    return check_status(*device_, status_);
+}
 
 std::uint32_t check_status(const Device& device, const Buffer& status) {
     std::array<std::uint32_t, twin::kStatusWords> words{};

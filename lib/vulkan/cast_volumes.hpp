@@ -14,9 +14,10 @@ namespace pellucid::vulkan {
 
 /// The device; throws Error(device) where its shaders have no double precision.
 [[nodiscard]] const Device& with_doubles(const Device& device);
-/// Throws Error(run) where a shader has left word here that the loops of a ray were cut before its end: Vulkan in
-/// software leaves every loop, and silently, once an invocation went round its loops 65535 times all told (Mesa,
-/// gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). A GPU knows no such number. Else the most layers of a ray.
+/// Throws Error(run) where a shader has left word here that the loops of a ray were cut before its end:
+/// Vulkan in software leaves every loop, and silently, once an invocation went round its loops 65535 times
+/// all told (Mesa, gallivm: LP_MAX_TGSI_LOOP_ITERATIONS). A GPU knows no such number. Else the most layers of
+/// a ray.
 std::uint32_t check_status(const Device& device, const Buffer& status);
 
 /// A buffer of the device that holds these values.
@@ -31,7 +32,9 @@ template <class T>
     return filled(device, std::span<const T>(values));
 }
 
-[[nodiscard]] inline twin::Vec3d twin_of(const Vec3& v) { return {v.x, v.y, v.z}; }
+[[nodiscard]] inline twin::Vec3d twin_of(const Vec3& v) {
+    return {v.x, v.y, v.z};
+}
 [[nodiscard]] twin::CastCamera camera_of(const Camera& camera, double step, int rays);
 [[nodiscard]] twin::CastPlace place_of(const Affine& to_index, const Vec3& last);
 [[nodiscard]] std::vector<twin::CastPlane> planes_of(std::span<const ClipPlane> planes);
@@ -41,16 +44,19 @@ template <class T>
 
 /// Workgroup size: whole packets of rays.
 [[nodiscard]] std::uint32_t cast_group_size(const Device& device);
-/// Packets of rays that are cast at a time.
-[[nodiscard]] std::uint32_t packets_of_band(const Device& device, const Camera& camera);
+/// Packets of rays that are cast at a time, at least a row of them; fewer where each takes so many times as
+/// long.
+[[nodiscard]] std::uint32_t packets_of_band(const Device& device, const Camera& camera,
+                                            std::uint32_t times = 1);
+[[nodiscard]] std::uint32_t packets_of_row(const Camera& camera);
 [[nodiscard]] std::uint32_t packets_of_image(const Camera& camera);
 
 /// Volumes in float32, and what all of their rays share.
 class CastVolumes {
 public:
     /// Precondition: PackedVolume::takes each of them; they and the scene outlive it.
-    CastVolumes(const Device& device, const PreparedScene& scene, std::span<const VolumeObject* const> volumes,
-                const CastSettings& settings, int rays);
+    CastVolumes(const Device& device, const PreparedScene& scene,
+                std::span<const VolumeObject* const> volumes, const CastSettings& settings, int rays);
 
     /// Bits of the specialisation constants of cast_volume.glsl.
     [[nodiscard]] std::vector<std::uint32_t> constants(SlabMixing mixing = SlabMixing::average) const;

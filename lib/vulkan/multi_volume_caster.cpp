@@ -36,8 +36,8 @@ constexpr std::uint32_t kLayerRoom = 8;
 
 /// The volumes of a scene, on one of the two ways, and the kernel that casts all of them.
 struct Volumes {
-    Volumes(const Device& device, const PreparedScene& scene, const CastSettings& cast, const MultiVolumeSettings& settings,
-            bool layers) {
+    Volumes(const Device& device, const PreparedScene& scene, const CastSettings& cast,
+            const MultiVolumeSettings& settings, bool layers) {
         std::vector<const VolumeObject*> volumes;
         bool all = true;
         double reach = scene.camera.far() - scene.camera.near();
@@ -78,7 +78,8 @@ struct Volumes {
 /// What lies between the volumes: isosurfaces, and what is given for some rows of pixels.
 class Layers {
 public:
-    Layers(const Device& device, const PreparedScene& scene, const CastSettings& cast, int rays) : device_(&device) {
+    Layers(const Device& device, const PreparedScene& scene, const CastSettings& cast, int rays)
+        : device_(&device) {
         std::vector<const Object*> objects;
         for (const Object& object : scene.objects)
             if (pellucid::IsosurfaceCaster::casts(object)) objects.push_back(&object);
@@ -87,7 +88,9 @@ public:
         kernel_.emplace(device, kMultiLayers, KernelSettings{sizeof(Push), surfaces_->constants()});
     }
     [[nodiscard]] const Kernel& kernel() const { return *kernel_; }
-    [[nodiscard]] std::uint64_t bytes() const { return surfaces_->bytes() + layers_.bytes() + given_.bytes(); }
+    [[nodiscard]] std::uint64_t bytes() const {
+        return surfaces_->bytes() + layers_.bytes() + given_.bytes();
+    }
 
     void give(const SurfaceLayers& layers, int first_row) {
         given_row_ = static_cast<std::uint32_t>(first_row);
@@ -124,7 +127,8 @@ private:
 }  // namespace
 
 Image cast_volumes(const Device& device, const PreparedScene& scene, const MultiVolumeSettings& settings,
-                   MultiVolumeStats& stats, const std::function<void(double)>& progress, const FindSurfaces& surfaces) {
+                   MultiVolumeStats& stats, const std::function<void(double)>& progress,
+                   const FindSurfaces& surfaces) {
     Stopwatch watch;
     const Camera& camera = scene.camera;
     const CastSettings cast{.step = common_step(scene, settings.step), .skip = settings.skip};
@@ -134,7 +138,8 @@ Image cast_volumes(const Device& device, const PreparedScene& scene, const Multi
     std::optional<Layers> layers;
     if (has_layers) layers.emplace(device, scene, cast, settings.rays);
 
-    const std::uint64_t pixels = static_cast<std::uint64_t>(camera.width()) * static_cast<std::uint64_t>(camera.height());
+    const std::uint64_t pixels =
+        static_cast<std::uint64_t>(camera.width()) * static_cast<std::uint64_t>(camera.height());
     const Buffer totals(device, pixels * sizeof(twin::PixelTotal));
     const Buffer planes(device, pixels * 5 * sizeof(float));
     twin::CastSetup& setup = volumes.setup();
@@ -146,6 +151,7 @@ Image cast_volumes(const Device& device, const PreparedScene& scene, const Multi
     const std::uint32_t columns = setup.packet_columns;
     // Surfaces come by rows of pixels.
     std::uint32_t band = volumes.band();
+    if (layers) band = std::min(band, packets_of_band(device, camera, kPlainTimes));
     if (surfaces) {
         const auto rows = static_cast<std::uint32_t>(rows_of_band(camera, settings.rays));
         band = std::max(1U, std::min(band / columns, rows / twin::kPacketSideT)) * columns;
@@ -156,8 +162,9 @@ Image cast_volumes(const Device& device, const PreparedScene& scene, const Multi
     Commands commands(device);
     const auto run = [&](const Kernel& kernel, const char* stage, const Push& push) {
         commands.begin_stage(stage);
-        commands.dispatch(kernel, push,
-                          device.groups_for(std::uint64_t{push.count} * twin::kPacketRaysT, volumes.group_size()));
+        commands.dispatch(
+            kernel, push,
+            device.groups_for(std::uint64_t{push.count} * twin::kPacketRaysT, volumes.group_size()));
         commands.end_stage();
         commands.barrier();
     };
@@ -194,7 +201,8 @@ Image cast_volumes(const Device& device, const PreparedScene& scene, const Multi
         stats.cast_s += watch.lap();
         progress(static_cast<double>(first) / all_packets);
     }
-    stats.bytes += static_cast<std::int64_t>(volumes.bytes() + (layers ? layers->bytes() : 0) + totals.bytes() + planes.bytes());
+    stats.bytes += static_cast<std::int64_t>(volumes.bytes() + (layers ? layers->bytes() : 0) +
+                                             totals.bytes() + planes.bytes());
 
     Image image(camera.width(), camera.height());
     std::uint64_t offset = 0;

@@ -11,11 +11,13 @@
 namespace pellucid::vulkan {
 namespace {
 
-static_assert(sizeof(twin::PlainPiece) == 80 && sizeof(twin::PlainGrid) == 272 && sizeof(twin::PlainVolume) == 296 &&
-              sizeof(twin::PlainSurface) == 496);
+static_assert(sizeof(twin::PlainPiece) == 80 && sizeof(twin::PlainGrid) == 272 &&
+              sizeof(twin::PlainVolume) == 296 && sizeof(twin::PlainSurface) == 496);
 static_assert(offsetof(twin::PlainGrid, samples) == 248 && offsetof(twin::PlainSurface, to_object) == 320);
 
-[[nodiscard]] std::size_t wide(int n) { return static_cast<std::size_t>(n); }
+[[nodiscard]] std::size_t wide(int n) {
+    return static_cast<std::size_t>(n);
+}
 
 /// The samples with one more on every side, continued as VolumeField::samples_around does.
 [[nodiscard]] std::vector<float> continued(const VoxelGrid& grid) {
@@ -43,7 +45,8 @@ static_assert(offsetof(twin::PlainGrid, samples) == 248 && offsetof(twin::PlainS
                     double weight = 1;
                     for (const auto& [each, other] : {std::pair(x, ox), std::pair(y, oy), std::pair(z, oz)})
                         if (each.other >= 0) weight *= other ? -1 : 2;
-                    sum += weight * static_cast<double>(grid.at(ox ? x.other : x.at, oy ? y.other : y.at, oz ? z.other : z.at));
+                    sum += weight * static_cast<double>(grid.at(ox ? x.other : x.at, oy ? y.other : y.at,
+                                                                oz ? z.other : z.at));
                 }
                 constexpr double kMost = std::numeric_limits<float>::max();
                 out[row * wide(size[0] + 2) + wide(i + 1)] =
@@ -66,9 +69,11 @@ static_assert(offsetof(twin::PlainGrid, samples) == 248 && offsetof(twin::PlainS
 
 }  // namespace
 
-PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::span<const VolumeObject* const> volumes,
-                       const CastSettings& settings, int rays)
-    : device_(&with_doubles(device)), group_size_(cast_group_size(device)), band_(packets_of_band(device, scene.camera)) {
+PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene,
+                       std::span<const VolumeObject* const> volumes, const CastSettings& settings, int rays)
+    : device_(&with_doubles(device)),
+      group_size_(cast_group_size(device)),
+      band_(packets_of_band(device, scene.camera, kPlainTimes)) {
     std::vector<twin::PlainVolume> items;
     for (const VolumeObject* volume : volumes) {
         const pellucid::VolumeCaster exact(scene, *volume, settings);
@@ -88,9 +93,12 @@ PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::sp
     set_up(scene, settings, rays, items.size());
 }
 
-PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::span<const Object* const> objects,
-                       std::span<const double> thickness, const CastSettings& settings, int rays)
-    : device_(&with_doubles(device)), group_size_(cast_group_size(device)), band_(packets_of_band(device, scene.camera)) {
+PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene,
+                       std::span<const Object* const> objects, std::span<const double> thickness,
+                       const CastSettings& settings, int rays)
+    : device_(&with_doubles(device)),
+      group_size_(cast_group_size(device)),
+      band_(packets_of_band(device, scene.camera, kPlainTimes)) {
     std::vector<twin::PlainSurface> items;
     for (const Object* object : objects) {
         const FieldSurface surface = *object->geometry->field_surface();
@@ -98,8 +106,8 @@ PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::sp
         const pellucid::IsosurfaceCaster exact(scene, *object, settings);
         Held held;
         twin::PlainSurface s{};
-        s.grid = grid_on_device(iso.volume(), surface.to_world, surface.to_world.inverse(), exact.empty_space(),
-                                object->surface.clip, object->surface.shading, held);
+        s.grid = grid_on_device(iso.volume(), surface.to_world, surface.to_world.inverse(),
+                                exact.empty_space(), object->surface.clip, object->surface.shading, held);
         s.isovalue = iso.isovalue();
         s.opacity = object->surface.opacity;
         s.thickness = thickness[items.size()];
@@ -118,7 +126,8 @@ PlainCasts::PlainCasts(const Device& device, const PreparedScene& scene, std::sp
     set_up(scene, settings, rays, items.size());
 }
 
-void PlainCasts::set_up(const PreparedScene& scene, const CastSettings& settings, int rays, std::size_t count) {
+void PlainCasts::set_up(const PreparedScene& scene, const CastSettings& settings, int rays,
+                        std::size_t count) {
     std::vector<twin::CastLight> lights = lights_of(scene);
     lights_ = filled(*device_, lights);
     status_ = Buffer(*device_, twin::kStatusWords * sizeof(std::uint32_t));
@@ -126,7 +135,7 @@ void PlainCasts::set_up(const PreparedScene& scene, const CastSettings& settings
     setup.camera = camera_of(scene.camera, settings.step, rays);
     setup.volume_count = static_cast<std::uint32_t>(count);
     setup.light_count = static_cast<std::uint32_t>(lights.size());
-    setup.packet_columns = (static_cast<std::uint32_t>(scene.camera.width()) + twin::kPacketSideT - 1) / twin::kPacketSideT;
+    setup.packet_columns = packets_of_row(scene.camera);
     setup.volumes = items_.address();
     setup.lights = lights_.address();
     setup.status = status_.address();
@@ -134,9 +143,10 @@ void PlainCasts::set_up(const PreparedScene& scene, const CastSettings& settings
         bytes_ += held.samples.bytes() + held.pieces.bytes() + held.distance.bytes() + held.planes.bytes();
 }
 
-twin::PlainGrid PlainCasts::grid_on_device(const VolumeField& field, const Affine& to_world, const Affine& to_index,
-                                           const EmptySpace& space, std::span<const ClipPlane> clip,
-                                           const Shading& shading, Held& held) {
+twin::PlainGrid PlainCasts::grid_on_device(const VolumeField& field, const Affine& to_world,
+                                           const Affine& to_index, const EmptySpace& space,
+                                           std::span<const ClipPlane> clip, const Shading& shading,
+                                           Held& held) {
     const VoxelGrid& grid = field.grid();
     held.samples = field.interpolation() == Interpolation::catmull_rom
                        ? filled(*device_, continued(grid))
@@ -175,7 +185,8 @@ twin::PlainGrid PlainCasts::grid_on_device(const VolumeField& field, const Affin
 }
 
 std::vector<std::uint32_t> PlainCasts::constants() const {
-    return {group_size_, interpolations_, lit_ ? 1U : 0U, glossy_ ? 1U : 0U, setup.light_count, holes_ ? 1U : 0U};
+    return {group_size_,       interpolations_,   lit_ ? 1U : 0U,
+            glossy_ ? 1U : 0U, setup.light_count, holes_ ? 1U : 0U};
 }
 
 void PlainCasts::begin(Commands& commands) const {
@@ -184,6 +195,8 @@ void PlainCasts::begin(Commands& commands) const {
     commands.barrier();
 }
 
-std::uint32_t PlainCasts::check() const { return check_status(*device_, status_); }
+std::uint32_t PlainCasts::check() const {
+    return check_status(*device_, status_);
+}
 
 }  // namespace pellucid::vulkan

@@ -6,6 +6,9 @@
 
 namespace pellucid::vulkan {
 
+/// So many times as long as in float32 a step takes in double, at least, on GPUs that have few units for it.
+inline constexpr std::uint32_t kPlainTimes = 16;
+
 /// In double; n × n rays a pixel.
 class PlainCasts {
 public:
@@ -31,9 +34,10 @@ private:
         Buffer samples, pieces, distance, planes;
     };
     void set_up(const PreparedScene& scene, const CastSettings& settings, int rays, std::size_t count);
-    [[nodiscard]] twin::PlainGrid grid_on_device(const VolumeField& field, const Affine& to_world, const Affine& to_index,
-                                                 const EmptySpace& space, std::span<const ClipPlane> clip,
-                                                 const Shading& shading, Held& held);
+    [[nodiscard]] twin::PlainGrid grid_on_device(const VolumeField& field, const Affine& to_world,
+                                                 const Affine& to_index, const EmptySpace& space,
+                                                 std::span<const ClipPlane> clip, const Shading& shading,
+                                                 Held& held);
 
     const Device* device_;
     std::uint32_t group_size_, band_;

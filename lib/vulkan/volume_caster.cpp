@@ -123,7 +123,10 @@ std::uint64_t VolumeCaster::bytes() const {
 }
 
 std::uint32_t VolumeCaster::band_rays() const {
-    return (parts_->fast ? parts_->fast->band() : parts_->plain ? parts_->plain->band() : 0) * twin::kPacketRaysT;
+    return (parts_->fast    ? parts_->fast->band()
+            : parts_->plain ? parts_->plain->band()
+                            : 0) *
+           twin::kPacketRaysT;
 }
 
 void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_clear, const BandHooks& hooks) {
@@ -170,15 +173,21 @@ IsosurfaceCaster::IsosurfaceCaster(const Device& device, const PreparedScene& sc
 IsosurfaceCaster::~IsosurfaceCaster() = default;
 IsosurfaceCaster::IsosurfaceCaster(IsosurfaceCaster&&) noexcept = default;
 
-std::uint64_t IsosurfaceCaster::bytes() const { return parts_->casts.bytes(); }
-std::uint32_t IsosurfaceCaster::band_rays() const { return parts_->casts.band() * twin::kPacketRaysT; }
+std::uint64_t IsosurfaceCaster::bytes() const {
+    return parts_->casts.bytes();
+}
+std::uint32_t IsosurfaceCaster::band_rays() const {
+    return parts_->casts.band() * twin::kPacketRaysT;
+}
 
 void IsosurfaceCaster::record(Commands& commands, std::uint64_t sink, const BandHooks& hooks) {
     Parts& p = *parts_;
     record_bands(*p.device, commands, p.casts, p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
 }
 
-void IsosurfaceCaster::check() const { parts_->casts.check(); }
+void IsosurfaceCaster::check() const {
+    parts_->casts.check();
+}
 
 // ---- All slabs of every pixel
 
@@ -193,8 +202,10 @@ struct ListSink {
 
 /// Runs until no pixel has more slabs than there is room for.
 template <class Record>
-[[nodiscard]] SlabLists gather_lists(const Device& device, const Camera& camera, float opaque_at, const Record& record) {
-    const std::size_t pixels = static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
+[[nodiscard]] SlabLists gather_lists(const Device& device, const Camera& camera, float opaque_at,
+                                     const Record& record) {
+    const std::size_t pixels =
+        static_cast<std::size_t>(camera.width()) * static_cast<std::size_t>(camera.height());
     Buffer counts(device, pixels * sizeof(std::uint32_t));
     std::vector<std::uint32_t> count(pixels);
     std::uint32_t room = 64;
@@ -229,9 +240,9 @@ template <class Record>
 SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
                      const CastSettings& settings, float opaque_at) {
     VolumeCaster caster(device, scene, volume, settings, SinkKind::list);
-    SlabLists lists = gather_lists(device, scene.camera, opaque_at, [&](Commands& commands, std::uint64_t sink) {
-        caster.record(commands, sink, 1 - opaque_at);
-    });
+    SlabLists lists = gather_lists(
+        device, scene.camera, opaque_at,
+        [&](Commands& commands, std::uint64_t sink) { caster.record(commands, sink, 1 - opaque_at); });
     caster.check();
     return lists;
 }
@@ -239,8 +250,9 @@ SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Vol
 SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Object& object, double thickness,
                      const CastSettings& settings, float opaque_at) {
     IsosurfaceCaster caster(device, scene, object, thickness, settings, SinkKind::list);
-    SlabLists lists = gather_lists(device, scene.camera, opaque_at,
-                                   [&](Commands& commands, std::uint64_t sink) { caster.record(commands, sink); });
+    SlabLists lists =
+        gather_lists(device, scene.camera, opaque_at,
+                     [&](Commands& commands, std::uint64_t sink) { caster.record(commands, sink); });
     caster.check();
     return lists;
 }

@@ -1,9 +1,10 @@
-// Volume stage of zSlabs on a Vulkan device: rays of pixel centres through one volume, or to one isosurface, as
-// slabs from front to back. zSlab dissertation, sections 5.2.4 and 6.1.
+// Volume stage of zSlabs on a Vulkan device: rays of pixel centres through one volume, or to one isosurface,
+// as slabs from front to back. zSlab dissertation, sections 5.2.4 and 6.1.
 //
-// Trilinear volumes: float32, the operations of cpu/fast_volume_caster.cpp in their order (kernel/cast_twin.h). Other
-// interpolations, isosurfaces, and what is too large for that: double, as cpu/volume_caster.cpp. Samples are read
-// from buffers and interpolated by arithmetic alone: the device's texture filters have 8 bits.
+// Trilinear volumes: float32, the operations of cpu/fast_volume_caster.cpp in their order
+// (kernel/cast_twin.h). Other interpolations, isosurfaces, and what is too large for that: double, as
+// cpu/volume_caster.cpp. Samples are read from buffers and interpolated by arithmetic alone: the device's
+// texture filters have 8 bits.
 #pragma once
 
 #include <cstdint>
@@ -35,8 +36,8 @@ using SlabLists = std::vector<std::vector<twin::Slab>>;
 
 class VolumeCaster {
 public:
-    /// Scene, volume and device must outlive it. Throws Error(device) where the device has no double precision,
-    /// Error(run) where its memory is too small.
+    /// Scene, volume and device must outlive it. Throws Error(device) where the device has no double
+    /// precision, Error(run) where its memory is too small.
     VolumeCaster(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
                  const CastSettings& settings, SinkKind sink);
     ~VolumeCaster();
@@ -77,8 +78,8 @@ private:
 };
 
 /// All slabs of every pixel; a ray ends as with SlabList. For tests and small images.
-[[nodiscard]] SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
-                                   const CastSettings& settings, float opaque_at);
+[[nodiscard]] SlabLists cast_slabs(const Device& device, const PreparedScene& scene,
+                                   const VolumeObject& volume, const CastSettings& settings, float opaque_at);
 [[nodiscard]] SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Object& object,
                                    double thickness, const CastSettings& settings, float opaque_at);
 

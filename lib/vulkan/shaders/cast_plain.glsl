@@ -1,5 +1,5 @@
-// What the shaders share that cast in double: the plain version of the CPU (cpu/volume_caster.cpp) line by line.
-// Values that are no numbers go by flags. Nothing is written here.
+// What the shaders share that cast in double: the plain version of the CPU (cpu/volume_caster.cpp) line by
+// line. Values that are no numbers go by flags. Nothing is written here.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -7,16 +7,16 @@
 
 layout(local_size_x_id = 0) in;
 // What a frame does not need is not there: in software a branch that nobody takes is still run through.
-layout(constant_id = 1) const uint kInterpolations = 7; // bit k: some grid has interpolation k
+layout(constant_id = 1) const uint kInterpolations = 7;  // bit k: some grid has interpolation k
 layout(constant_id = 2) const bool kLit = true;
 layout(constant_id = 3) const bool kGlossy = true;
 layout(constant_id = 4) const uint kLights = 1;
-layout(constant_id = 5) const bool kHoles = true;       // some samples are not a number
+layout(constant_id = 5) const bool kHoles = true;  // some samples are not a number
 
 const uint kTrilinear = 0u;
 const uint kCatmullRom = 1u;
 const uint kNearest = 2u;
-const double kFar = 1e300lf;     // for infinity, which a device need not have
+const double kFar = 1e300lf;  // for infinity, which a device need not have
 const double kRoom = 1e-9lf;
 const double kGuard = 1e-6lf;
 
@@ -31,7 +31,8 @@ layout(buffer_reference, scalar) buffer Status {
 };
 
 uint invocation_number() {
-    return (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
+    return (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x +
+           gl_LocalInvocationID.x;
 }
 
 bool uses(PlainGrid g, uint interpolation) {
@@ -50,7 +51,8 @@ struct Sampled {
 
 Vec3d clamped_index(PlainGrid g, Vec3d from, Vec3d along, double t) {
     Vec3d p = along3d(from, t, along);
-    return Vec3d(clamp(p.x, 0.0lf, g.place.last.x), clamp(p.y, 0.0lf, g.place.last.y), clamp(p.z, 0.0lf, g.place.last.z));
+    return Vec3d(clamp(p.x, 0.0lf, g.place.last.x), clamp(p.y, 0.0lf, g.place.last.y),
+                 clamp(p.z, 0.0lf, g.place.last.z));
 }
 
 // First sample of a cell, and the place in it.
@@ -97,8 +99,8 @@ dvec4 spline_value(double t) {
     return w;
 }
 dvec4 spline_slope(double t) {
-    precise dvec4 w = dvec4(-0.5lf + t * (2.0lf - 1.5lf * t), t * (-5.0lf + 4.5lf * t), 0.5lf + t * (4.0lf - 4.5lf * t),
-                            t * (-1.0lf + 1.5lf * t));
+    precise dvec4 w = dvec4(-0.5lf + t * (2.0lf - 1.5lf * t), t * (-5.0lf + 4.5lf * t),
+                            0.5lf + t * (4.0lf - 4.5lf * t), t * (-1.0lf + 1.5lf * t));
     return w;
 }
 double weighted(dvec4 weights, dvec4 v) {
@@ -147,7 +149,8 @@ Gradient spline_gradient(PlainGrid g, CellPlace c, double less) {
         sum_z += z_slope[k] * slice;
     }
     dvec4 x = spline_value(c.at.x);
-    return Gradient(Vec3d(weighted(spline_slope(c.at.x), sum), weighted(x, sum_y), weighted(x, sum_z)), number);
+    return Gradient(Vec3d(weighted(spline_slope(c.at.x), sum), weighted(x, sum_y), weighted(x, sum_z)),
+                    number);
 }
 
 // ---- Empty space
@@ -226,8 +229,10 @@ Vec3d shaded(CastCamera camera, Lights lights, PlainGrid g, Vec3d color, Vec3d w
     for (uint i = 0u; i < kLights; ++i) {
         CastLight light = lights.at[i];
         Vec3f l = light.headlight != 0u ? viewer : light.direction;
-        if (kGlossy) sums = add_light(sums, n, viewer, l, light.intensity, g.shininess);
-        else sums.diffuse = add_diffuse(sums.diffuse, n, l, light.intensity);
+        if (kGlossy)
+            sums = add_light(sums, n, viewer, l, light.intensity, g.shininess);
+        else
+            sums.diffuse = add_diffuse(sums.diffuse, n, l, light.intensity);
     }
     return Vec3d(double(shaded_channel(float(color.x), sums, g.ambient, g.diffuse, g.specular)),
                  double(shaded_channel(float(color.y), sums, g.ambient, g.diffuse, g.specular)),

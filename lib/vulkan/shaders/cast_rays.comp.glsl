@@ -1,6 +1,6 @@
-// The rays of some packets of pixels: where each meets the volumes, in double, told in float32 from the step on
-// from which its packet counts. An invocation is one ray; it reads the setup, and writes its PacketRay, RaySteps and
-// a VolumeRay for each volume. A workgroup holds whole packets.
+// The rays of some packets of pixels: where each meets the volumes, in double, told in float32 from the step
+// on from which its packet counts. An invocation is one ray; it reads the setup, and writes its PacketRay,
+// RaySteps and a VolumeRay for each volume. A workgroup holds whole packets.
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
@@ -21,7 +21,7 @@ layout(push_constant, scalar) uniform Push {
     Setup setup;
     uint first_packet;
     uint packet_count;
-    uint part;            // of the pixel
+    uint part;  // of the pixel
 };
 
 const int64_t kNoStep = int64_t(0x7fffffffffffffffL);

@@ -1,5 +1,5 @@
-// What the shaders share that cast trilinear volumes in float32: samples, the steps of a ray, and how it gets over
-// what is empty. One invocation is one ray; rays come packet after packet. Nothing is written here.
+// What the shaders share that cast trilinear volumes in float32: samples, the steps of a ray, and how it gets
+// over what is empty. One invocation is one ray; rays come packet after packet. Nothing is written here.
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
@@ -7,12 +7,12 @@
 
 layout(local_size_x_id = 0) in;
 // What a frame does not need is not there: in software a branch that nobody takes is still run through.
-layout(constant_id = 1) const uint kKinds = 7;       // bit k: some volume's samples are of kind k
-layout(constant_id = 2) const bool kLit = true;      // some volume is
+layout(constant_id = 1) const uint kKinds = 7;   // bit k: some volume's samples are of kind k
+layout(constant_id = 2) const bool kLit = true;  // some volume is
 layout(constant_id = 3) const bool kGlossy = true;
 layout(constant_id = 4) const uint kLights = 1;
-layout(constant_id = 5) const bool kHoles = true;    // some samples are not a number
-layout(constant_id = 6) const bool kSkip = true;     // some volume has blocks
+layout(constant_id = 5) const bool kHoles = true;  // some samples are not a number
+layout(constant_id = 6) const bool kSkip = true;   // some volume has blocks
 layout(constant_id = 7) const uint kMixing = 0;
 
 layout(buffer_reference, scalar) readonly buffer Setup { CastSetup it; };
@@ -107,10 +107,10 @@ Place place_at(CastVolume v, Vec3f index) {
 
 struct Walk {
     VolumeRay ray;
-    float u;        // how far the ray is looked at
-    float begin;    // of the last step
-    float value;    // at u …
-    bool number;    // … where it is one
+    float u;      // how far the ray is looked at
+    float begin;  // of the last step
+    float value;  // at u …
+    bool number;  // … where it is one
     uint piece;
 };
 
@@ -164,8 +164,10 @@ LightSums light_sums(Setup setup, CastShading shading, Vec3f normal, Vec3f viewe
     for (uint i = 0u; i < kLights; ++i) {
         CastLight light = lights.at[i];
         Vec3f l = light.headlight != 0u ? viewer : light.direction;
-        if (kGlossy) sums = add_light(sums, normal, viewer, l, light.intensity, shading.shininess);
-        else sums.diffuse = add_diffuse(sums.diffuse, normal, l, light.intensity);
+        if (kGlossy)
+            sums = add_light(sums, normal, viewer, l, light.intensity, shading.shininess);
+        else
+            sums.diffuse = add_diffuse(sums.diffuse, normal, l, light.intensity);
     }
     return sums;
 }
@@ -180,8 +182,10 @@ StepLook step_to(Setup setup, inout Walk w, CastVolume v, float target, Vec3f vi
     StepLook look = no_look();
     uint piece = w.piece;
     bool inside = share > 0.0;
-    if (inside && w.number && p.number) look = preintegrate(v, w.value, value, steps, piece);
-    else if (p.number) piece = piece_of(v, value);
+    if (inside && w.number && p.number)
+        look = preintegrate(v, w.value, value, steps, piece);
+    else if (p.number)
+        piece = piece_of(v, value);
     if (kLit && look.opacity > 0.0 && v.lit != 0u) {
         precise float middle = 0.5 * (w.u + u);
         Place m = place_at(v, index_of(v, w.ray, middle));
@@ -190,7 +194,8 @@ StepLook step_to(Setup setup, inout Walk w, CastVolume v, float target, Vec3f vi
         // Unlit where there is no gradient.
         if (m.number && steepest > 0.0) {
             Vec3f normal = cast_normal(v.shading, gradient, steepest, viewer);
-            look.color = cast_lit_color(v.shading, light_sums(setup, v.shading, normal, viewer), look.color, look.opacity);
+            look.color = cast_lit_color(v.shading, light_sums(setup, v.shading, normal, viewer), look.color,
+                                        look.opacity);
         }
     }
     w.piece = piece;
@@ -225,14 +230,15 @@ float next_step(Walk w, CastVolume v, float i) {
     uint block = uint(x + v.blocks_x * (y + v.blocks_y * z));
     int away = int((Words(v.distance).at[block >> 2] >> (8u * (block & 3u))) & 255u);
     if (away == 0) return floor(u);
-    float end = leave(leave(leave(kCastNever, x, away, ray.p.x, ray.d.x), y, away, ray.p.y, ray.d.y), z, away, ray.p.z,
-                      ray.d.z);
+    float end = leave(leave(leave(kCastNever, x, away, ray.p.x, ray.d.x), y, away, ray.p.y, ray.d.y), z, away,
+                      ray.p.z, ray.d.z);
     return end >= ray.u_out ? kCastNever : floor(max(u, end));
 }
 
 // Number of this invocation.
 uint invocation_number() {
-    return (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x + gl_LocalInvocationID.x;
+    return (gl_WorkGroupID.x + gl_NumWorkGroups.x * gl_WorkGroupID.y) * gl_WorkGroupSize.x +
+           gl_LocalInvocationID.x;
 }
 // The pixel of a ray of a packet.
 ivec2 pixel_of_ray(Setup setup, uint packet, uint ray) {

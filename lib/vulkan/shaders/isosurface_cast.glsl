@@ -1,7 +1,7 @@
-// The rays of some packets of pixels to one isosurface: where samples on the grid of steps change sides, refined by
-// ten bisections; in double, as IsosurfaceCaster. An invocation is one ray; what it finds goes to take_crossing(t,
-// opacity, associated colour), which alone writes and says whether it wants more. Include that first.
-
+// The rays of some packets of pixels to one isosurface: where samples on the grid of steps change sides,
+// refined by ten bisections; in double, as IsosurfaceCaster. An invocation is one ray; what it finds goes to
+// take_crossing(t, opacity, associated colour), which alone writes and says whether it wants more. Include
+// that first.
 
 const int kBisections = 10;
 
@@ -63,8 +63,8 @@ bool find_crossings(CastCamera camera, Lights lights, PlainSurface s, PlainRay r
     double t = r.span.lo;
     bool here_number;
     double here = surface_value(s, r, t, here_number);
-    bool ended = false;
-    for (;;) {
+    bool ended = false;  // and not cut
+    for (uint rounds = camera.most_rounds; rounds > 0u; --rounds) {
         if (!(t < r.span.hi)) {
             ended = true;
             break;
@@ -98,8 +98,10 @@ bool find_crossings(CastCamera camera, Lights lights, PlainSurface s, PlainRay r
         for (int i = 0; i < kBisections; ++i) {
             precise double middle = 0.5lf * (lo + hi);
             double v = surface_value(s, r, middle, number);
-            if ((number && v >= 0.0lf) == (before >= 0.0lf)) lo = middle;
-            else hi = middle;
+            if ((number && v >= 0.0lf) == (before >= 0.0lf))
+                lo = middle;
+            else
+                hi = middle;
         }
         // The rest by a line.
         double at_lo = abs(surface_value(s, r, lo, number)), at_hi = abs(surface_value(s, r, hi, number));

@@ -1,5 +1,5 @@
-// Crossings with an isosurface as virtual slabs (zSlab, section 5.4): with depth `thickness` towards the viewer, less
-// where the one before or the eye is nearer. Include a sink first.
+// Crossings with an isosurface as virtual slabs (zSlab, section 5.4): with depth `thickness` towards the
+// viewer, less where the one before or the eye is nearer. Include a sink first.
 layout(buffer_reference, scalar) readonly buffer Surfaces { PlainSurface at[]; };
 layout(buffer_reference, scalar) readonly buffer PlainSetup { CastSetup it; };
 layout(push_constant, scalar) uniform Push {
@@ -33,8 +33,9 @@ void main() {
     if (pixel.x >= camera.width || pixel.y >= camera.height) return;
     PlainSurface s = Surfaces(setup.it.volumes).at[0];
     last_z = 0.0;
-    sink_start(uint(pixel.y * camera.width + pixel.x), number);
-    bool ended = find_crossings(camera, Lights(setup.it.lights), s, plain_ray(camera, s.grid, pixel, 0u, false));
+    sink_start(uint(pixel.y * camera.width + pixel.x));
+    bool ended =
+        find_crossings(camera, Lights(setup.it.lights), s, plain_ray(camera, s.grid, pixel, 0u, false));
     if (!ended) Status(setup.it.status).unfinished = 1u;
     sink_finish();
 }

@@ -1,4 +1,5 @@
-// As mix_shared of cpu/multi_volume_caster.cpp: slabs that share an interval, mixed one after the other; in double.
+// As mix_shared of cpu/multi_volume_caster.cpp: slabs that share an interval, mixed one after the other; in
+// double.
 struct Shared {
     uint count;
     dvec4 mixed;     // associated colour, opacity
@@ -31,8 +32,9 @@ Shared share(Shared s, vec4 rgba) {
         return s;
     }
     precise dvec4 sum = s.sum + c;
-    precise dvec3 color = s.mixed.rgb + c.rgb - 0.5lf * (s.mixed.rgb * c.a + c.rgb * s.mixed.a);  // zSlab (4.4)
-    precise double opacity = 1.0lf - (1.0lf - s.mixed.a) * (1.0lf - c.a);                       // zSlab (4.1)
+    precise dvec3 color =
+        s.mixed.rgb + c.rgb - 0.5lf * (s.mixed.rgb * c.a + c.rgb * s.mixed.a);  // zSlab (4.4)
+    precise double opacity = 1.0lf - (1.0lf - s.mixed.a) * (1.0lf - c.a);       // zSlab (4.1)
     s.sum = sum;
     s.mixed = dvec4(color, opacity);
     return s;

@@ -1,7 +1,8 @@
-// Multi-volume casting: what lies between the volumes on a ray. Its crossings with isosurfaces and the layers that
-// came from elsewhere, sorted; what shares a depth is mixed. As LayersOfRay of the CPU.
+// Multi-volume casting: what lies between the volumes on a ray. Its crossings with isosurfaces and the layers
+// that came from elsewhere, sorted; what shares a depth is mixed. As LayersOfRay of the CPU.
 //
-// An invocation is one ray; it writes its own RayLayers and their number, and the most there are to the status.
+// An invocation is one ray; it writes its own RayLayers and their number, and the most there are to the
+// status.
 #version 460
 #include "cast_plain.glsl"
 #include "mix_shared.glsl"
@@ -58,7 +59,8 @@ void main() {
         }
         for (uint i = 0u; i < setup.it.surface_count; ++i) {
             PlainSurface s = Surfaces(setup.it.surfaces).at[i];
-            bool all = find_crossings(camera, Lights(setup.it.lights), s, plain_ray(camera, s.grid, pixel, part, false));
+            bool all = find_crossings(camera, Lights(setup.it.lights), s,
+                                      plain_ray(camera, s.grid, pixel, part, false));
             ended = ended && all;
         }
     }

@@ -1,5 +1,5 @@
-// What a ray of multi-volume casting leaves: its share of its pixel's total, and, with the last of its pixel, the
-// pixel. No other ray of a dispatch has the same pixel.
+// What a ray of multi-volume casting leaves: its share of its pixel's total, and, with the last of its pixel,
+// the pixel. No other ray of a dispatch has the same pixel.
 layout(buffer_reference, scalar) buffer Totals { PixelTotal at[]; };
 layout(buffer_reference, scalar) writeonly buffer Planes5 { uint at[]; };
 

@@ -1,7 +1,9 @@
-// Conventional multi-volume ray-casting in float32: one ray samples all volumes at the same places and mixes each
-// step (zSlab (4.1) to (4.4)); surfaces lie between the parts of a step. As cast_volumes_fast of the CPU.
+// Conventional multi-volume ray-casting in float32: one ray samples all volumes at the same places and mixes
+// each step (zSlab (4.1) to (4.4)); surfaces lie between the parts of a step. As cast_volumes_fast of the
+// CPU.
 //
-// An invocation is one ray; it reads its PacketRay, VolumeRays, RaySteps and layers, and writes its pixel's total.
+// An invocation is one ray; it reads its PacketRay, VolumeRays, RaySteps and layers, and writes its pixel's
+// total.
 #version 460
 #include "cast_volume.glsl"
 #include "multi_total.glsl"
@@ -75,8 +77,10 @@ void main() {
     }
     Sums sums = Sums(Vec3f(0.0, 0.0, 0.0), 1.0, kCastNever);
     float least_clear = setup.it.least_clear;
-    bool ended = false;
-    for (float i = 0.0;; i += 1.0) {
+    bool ended = false;  // and not cut
+    uint rounds = setup.it.camera.most_rounds;
+    for (float i = 0.0; rounds > 0u; i += 1.0) {
+        --rounds;
         if (!(sums.clear > least_clear && i < ray.last)) {
             ended = true;
             break;
@@ -114,7 +118,8 @@ void main() {
                 sums = add_to_sums(sums, sum.color, sum.opacity, begin);
             }
             if (!kLayers || !(layer.u < whole) || !(sums.clear > least_clear)) break;
-            sums = add_to_sums(sums, Vec3f(layer.layer.r, layer.layer.g, layer.layer.b), layer.layer.a, layer.u);
+            sums =
+                add_to_sums(sums, Vec3f(layer.layer.r, layer.layer.g, layer.layer.b), layer.layer.a, layer.u);
             if (!(sums.clear > least_clear)) break;
             layer = next_layer(layer, number, steps);
         }
@@ -126,7 +131,7 @@ void main() {
     }
     if (!ended) Status(setup.it.status).unfinished = 1u;
     precise double z = (double(steps.first) + double(sums.first)) * steps.dt;
-    Gathered sum = Gathered(double(sums.clear), double(sums.color.x), double(sums.color.y), double(sums.color.z),
-                            sums.clear < 1.0 ? z : kNoDepth);
+    Gathered sum = Gathered(double(sums.clear), double(sums.color.x), double(sums.color.y),
+                            double(sums.color.z), sums.clear < 1.0 ? z : kNoDepth);
     add_to_pixel(setup.it.camera, Totals(setup.it.totals), Planes5(setup.it.planes), pixel, part, sum);
 }

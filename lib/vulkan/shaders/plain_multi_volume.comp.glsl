@@ -1,5 +1,5 @@
-// Conventional multi-volume ray-casting in double, for volumes that are not all trilinear: as cast_volumes of the
-// CPU, ray by ray. See multi_volume.comp.glsl.
+// Conventional multi-volume ray-casting in double, for volumes that are not all trilinear: as cast_volumes of
+// the CPU, ray by ray. See multi_volume.comp.glsl.
 #version 460
 #include "cast_plain.glsl"
 #include "plain_volume.glsl"
@@ -20,7 +20,8 @@ layout(push_constant, scalar) uniform Push {
 Gathered gather(Gathered s, double front, vec4 rgba) {
     precise dvec4 c = dvec4(rgba);
     if (!(c.a > 0.0lf)) return s;
-    precise dvec4 sum = dvec4(s.r + s.clear * c.r, s.g + s.clear * c.g, s.b + s.clear * c.b, s.clear * (1.0lf - c.a));
+    precise dvec4 sum =
+        dvec4(s.r + s.clear * c.r, s.g + s.clear * c.g, s.b + s.clear * c.b, s.clear * (1.0lf - c.a));
     return Gathered(sum.w, sum.x, sum.y, sum.z, min(s.z, front));
 }
 
@@ -43,8 +44,8 @@ void main() {
     Gathered sum = Gathered(1.0lf, 0.0lf, 0.0lf, 0.0lf, kNoDepth);
     double least_clear = double(setup.it.least_clear);
     double dt = walks[0].r.dt;
-    bool ended = false;
-    for (;;) {
+    bool ended = false;  // and not cut
+    for (uint rounds = camera.most_rounds; rounds > 0u; --rounds) {
         if (!(sum.clear > least_clear)) {
             ended = true;
             break;

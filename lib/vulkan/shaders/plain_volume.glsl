@@ -112,8 +112,10 @@ PlainLook plain_preintegrate(PlainVolume v, double from, double to, double steps
         if (piece != last) end = rising ? p.end : pieces.at[piece - 1u].end;
         precise double share = abs(end - at) / abs(to - from);
         precise double part = steps * share;
-        if (whole) sum = sum_piece(sum, p, at, end, steps);
-        else if (share > 0.0lf) sum = sum_piece(sum, p, at, end, part);
+        if (whole)
+            sum = sum_piece(sum, p, at, end, steps);
+        else if (share > 0.0lf)
+            sum = sum_piece(sum, p, at, end, part);
         if (piece == last) break;
         at = end;
         piece = rising ? piece + 1u : piece - 1u;
@@ -264,10 +266,11 @@ Slab plain_advance(CastCamera camera, Lights lights, inout PlainWalk w, PlainVol
             precise dvec3 unit = dvec3(g.value.x / largest, g.value.y / largest, g.value.z / largest);
             Vec3d normal = carried_normal(v.grid, Vec3d(unit.x, unit.y, unit.z));
             if (dot3d(normal, normal) > 0.0lf) {
-                precise dvec3 c = dvec3(look.color.x / look.opacity, look.color.y / look.opacity, look.color.z / look.opacity);
+                precise dvec3 c = dvec3(look.color.x / look.opacity, look.color.y / look.opacity,
+                                        look.color.z / look.opacity);
                 Vec3d world = along3d(w.r.ray.origin, middle, w.r.ray.direction);
-                look.color = scaled3d(look.opacity, shaded(camera, lights, v.grid, Vec3d(c.x, c.y, c.z), world,
-                                                           Vec3d(-normal.x, -normal.y, -normal.z)));
+                look.color = scaled3d(look.opacity, shaded(camera, lights, v.grid, Vec3d(c.x, c.y, c.z),
+                                                           world, Vec3d(-normal.x, -normal.y, -normal.z)));
             }
         }
     }

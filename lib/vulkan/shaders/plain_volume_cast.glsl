@@ -1,5 +1,5 @@
-// The rays of some packets of pixels through one volume, in double: as volume_cast.glsl, for other interpolations and
-// for rays of a million steps. Include a sink first.
+// The rays of some packets of pixels through one volume, in double: as volume_cast.glsl, for other
+// interpolations and for rays of a million steps. Include a sink first.
 layout(buffer_reference, scalar) readonly buffer PlainSetup { CastSetup it; };
 layout(push_constant, scalar) uniform Push {
     PlainSetup setup;
@@ -19,9 +19,9 @@ void main() {
     PlainVolume v = PlainVolumes(setup.it.volumes).at[0];
     Lights lights = Lights(setup.it.lights);
     PlainWalk w = plain_start(v, plain_ray(camera, v.grid, pixel, 0u, true));
-    bool ended = false;
-    sink_start(uint(pixel.y * camera.width + pixel.x), number);
-    for (;;) {
+    bool ended = false;  // and not cut
+    sink_start(uint(pixel.y * camera.width + pixel.x));
+    for (uint rounds = camera.most_rounds; rounds > 0u; --rounds) {
         if (!plain_done(w)) plain_skip(w, v);
         if (plain_done(w)) {
             ended = true;

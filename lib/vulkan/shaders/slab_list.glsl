@@ -1,4 +1,9 @@
 // The plainest sink: all slabs of a pixel in a row, for tests. `count` goes on where there is no more room.
+//
+// A sink is included before a shader that casts, and gives it: the buffer reference Sink, which the shader
+// has in its push constants as `sink`; sink_start(pixel), sink_push(slab), false where nothing behind is
+// seen, and sink_finish(), each once or more an invocation. Room of an invocation's own goes by
+// invocation_number(), below the caster's band_rays().
 layout(buffer_reference, scalar) buffer SlabLists { Slab at[]; };
 layout(buffer_reference, scalar) buffer SlabCounts { uint at[]; };
 layout(buffer_reference, scalar) readonly buffer Sink {
@@ -26,6 +31,6 @@ bool append(Sink sink, Slab slab) {
     precise float least = 1.0 - sink.opaque_at;
     return list.clear > least;
 }
-#define sink_start(pixel, number) open_list(pixel)
+#define sink_start(pixel) open_list(pixel)
 #define sink_push(slab) append(sink, slab)
 #define sink_finish() SlabCounts(sink.counts).at[list.pixel] = list.count

@@ -1,6 +1,6 @@
-// The rays of some packets through one volume, as slabs with opacity > 0 from front to back; float32, trilinear.
-// An invocation is one ray: it reads its PacketRay and VolumeRay, and hands its slabs to the sink, which alone
-// writes, by pixel. Include a sink first: sink_start(pixel), sink_push(slab), sink_finish().
+// The rays of some packets through one volume, as slabs with opacity > 0 from front to back; float32,
+// trilinear. An invocation is one ray: it reads its PacketRay and VolumeRay, and hands its slabs to the sink,
+// which alone writes, by pixel. Include a sink first: see slab_list.glsl.
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     Sink sink;
@@ -20,9 +20,11 @@ void main() {
     float least_clear = setup.it.least_clear;
     float clear = 1.0;
     bool look_ahead = true, primed = false;
-    sink_start(uint(pixel.y * setup.it.camera.width + pixel.x), number);
-    bool ended = false;
-    for (float i = 0.0;; i += 1.0) {
+    sink_start(uint(pixel.y * setup.it.camera.width + pixel.x));
+    bool ended = false;  // and not cut
+    uint rounds = setup.it.camera.most_rounds;
+    for (float i = 0.0; rounds > 0u; i += 1.0) {
+        --rounds;
         if (!(clear > least_clear && i < ray.last)) ended = true;
         if (!ended && look_ahead) {
             float next = next_step(w, v, i);
