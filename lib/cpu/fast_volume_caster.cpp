@@ -778,9 +778,6 @@ HWY_EXPORT(cast_slabs);
 HWY_EXPORT(collect_slabs);
 HWY_EXPORT(cast_sums);
 
-/// Nothing that a ray of this many steps meets is lost to float32.
-constexpr double kMostSteps = 1 << 20;
-
 /// Rays through image positions x, y.
 void make_packet(const Camera& camera, double step, const std::vector<const FastVolume*>& volumes,
                  const std::array<Vec2, kPacketRays>& at, std::size_t count, Packet& packet) {

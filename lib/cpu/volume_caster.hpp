@@ -44,6 +44,9 @@ struct CastSettings {
     double step = 0;  // world length along the ray, > 0
     bool skip = true;
 };
+/// Steps across the box of what is cast, at most: more would take for ever, and float32 would not tell them apart.
+/// 512³ voxels have 887 thousand of a thousandth of a voxel. Casters throw Error(input) where there are more.
+inline constexpr double kMostSteps = 1 << 20;
 
 /// A volume as rays see it; safe from several threads.
 class VolumeCaster {
