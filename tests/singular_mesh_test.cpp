@@ -45,11 +45,11 @@ TEST(SingularMesh, NoCrackOpensWhereTetrahedraOfDifferentSizesMeet) {
 }
 
 TEST(SingularMesh, TwoSheetsNearerThanACellAreBothFound) {
-    // |r² − 1| = 1e-3: half a thousandth on either side of the unit sphere, where a pixel is 52 thousandths.
+    // |r² − 1| = 0.01: 5 thousandths on either side of the unit sphere, where a pixel is 52 thousandths.
     const PreparedScene scene =
-        scene_of("expression = \"(x^2 + y^2 + z^2 - 1)^2 - 1e-6\"\nbounds = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]", "[0, 0, 5]", 2.5, 48);
+        scene_of("expression = \"(x^2 + y^2 + z^2 - 1)^2 - 1e-4\"\nbounds = [[-1.2, -1.2, -1.2], [1.2, 1.2, 1.2]]", "[0, 0, 5]", 2.5, 48);
     const double both = 8 * M_PI;
-    EXPECT_NEAR(area_of(mesh_of(scene)), both, 0.02 * both);
+    EXPECT_NEAR(area_of(mesh_of(scene)), both, 0.03 * both);
     EXPECT_LT(area_of(tessellate(scene.objects[0], 64).mesh), 0.3 * both);  // what a grid's signs see of it
 }
 
@@ -86,8 +86,7 @@ TEST(SingularMesh, PeelingMeetsEverySheetThatRaysMeet) {
             wrong += std::abs(found - sheets) > 0.01 ? 1 : 0;
         }
         EXPECT_GT(whole, 500) << surface;
-        EXPECT_LE(wrong, whole / 50) << surface << " " << whole;
-        if (getenv("TT")) printf("%s %d %d\n", surface.c_str(), whole, wrong);
+        EXPECT_LE(wrong, whole / 200) << surface << " " << whole;
     }
 }
 
