@@ -66,9 +66,11 @@ constexpr double kSingularPx = 1;
             RefinedMesh found =
                 refine_mesh(object, scene.camera, tessellate(object, cells_of(object, *side)).mesh, settings.error_px);
             // Formulas that stay far off have places where no grid's signs show the surface.
-            if (found.error_px > kSingularPx && geometry.field_surface()->cell_width == 0)
-                found = refine_mesh(object, scene.camera, singular_mesh(surface_for_triangles(object), scene.camera, {}),
-                                    settings.error_px);
+            if (found.error_px > kSingularPx && geometry.field_surface()->cell_width == 0) {
+                RefinedMesh other = refine_mesh(object, scene.camera, singular_mesh(surface_for_triangles(object), scene.camera, {}),
+                                                settings.error_px);
+                if (other.error_px < found.error_px) found = std::move(other);
+            }
             out.error_px = found.error_px;
             if (found.off > 0)
                 warn("surface \"{}\": {} of its {} triangles are off by more than tessellate.error_px = {}, up to {:.2g}: beside "
