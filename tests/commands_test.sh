@@ -97,6 +97,11 @@ run "a missing device stops with its code" 3 ../reproduce
 add_experiment bad 0 true
 echo 'raise SystemExit(1)' >../analysis/bad.py
 run "a figure that cannot be drawn stops" 4 ../reproduce
+mkdir "$work/without" && echo 'raise ImportError("none here")' >"$work/without/vtk.py"
+printf '#!/bin/sh\n' >"$bin/render" && chmod +x "$bin/render"
+run "without VTK there is nothing to be compared with" 3 env PYTHONPATH="$work/without" ../tools/speed.sh --vtk
+holds "and one line says so" one_line_on_stderr
+holds "which names the package" grep -q python3-vtk9 "$work/err"
 printf '#!/bin/sh\nexit 1\n' >"$work/fake/cmake"
 run "a build that fails stops reproduce" 4 ../reproduce
 run "a build that fails stops check" 1 ../check

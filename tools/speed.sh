@@ -3,15 +3,17 @@
 # idle cores) and prints the table; results/speed/ then holds speed.csv, speed.json and speed.md.
 # Exit 0 all goals met, 1 a goal missed.
 #   tools/speed.sh [--repetitions N] [--out DIR] [--filter REGEX]
+#   tools/speed.sh --vtk [--repetitions N] [--out DIR]    beside VTK instead: vtk.csv, vtk.md. Exit 3: no VTK here
 set -euo pipefail
 command=speed.sh
-usage="usage: tools/speed.sh [--repetitions N] [--out DIR] [--filter REGEX]"
+usage="usage: tools/speed.sh [--vtk] [--repetitions N] [--out DIR] [--filter REGEX]"
 
-repetitions=5 out='' filter=.
+repetitions=5 out='' filter=. vtk=
 while [ $# -gt 0 ]; do
     case $1 in
         --repetitions | --out | --filter)
             [ $# -ge 2 ] || { echo "$command: $1 needs a value; $usage" >&2; exit 2; } ;;
+        --vtk) vtk=1; shift; continue ;;
         -h | --help) echo "$usage"; exit 0 ;;
         *) echo "$command: unknown option $1; $usage" >&2; exit 2 ;;
     esac
@@ -36,6 +38,11 @@ out=${out:-results/speed}
 # shellcheck source=tools/setup.sh
 . tools/setup.sh
 run_step "build release" configure_and_build release || stop 4 "the build failed (above)"
+
+if [ -n "$vtk" ]; then
+    # Debian's VTK belongs to its own python3; VTK_PYTHON names another one.
+    exec "${VTK_PYTHON:-/usr/bin/python3}" -B tools/vtk_peer.py build/release/bin/render "$out" --repetitions "$repetitions"
+fi
 
 raw=$(mktemp -d) || stop 4 "no temporary folder"
 trap 'rm -rf "$raw"' EXIT

@@ -210,13 +210,45 @@ HWY_INLINE Cell cell_at(const PackedVolume& volume, const V3& index) {
 
 // ---- Transfer function ------------------------------------------------------------------------
 
-/// Entries of a table: by permutation where it fits into a vector.
-[[nodiscard]] HWY_INLINE V look_up(const std::vector<float>& table, std::uint32_t count, W index) {
-    if (count <= hn::Lanes(F()))
-        return hn::TableLookupLanes(hn::LoadU(F(), table.data()), hn::IndicesFromVec(F(), index));
-    return hn::BitCast(F(),
-                       gather(reinterpret_cast<const std::uint8_t*>(table.data()), hn::ShiftLeft<2>(index)));
-}
+/// Entries of tables by the number of each ray's piece: by permutation where a table fits into four vectors (64 pieces with
+/// AVX-512), else from memory.
+class Entries {
+public:
+    HWY_INLINE Entries(std::uint32_t count, W piece)
+        : piece_(piece),
+          rows_((count + lanes() - 1) / lanes()),
+          lane_(hn::IndicesFromVec(F(), hn::And(piece, whole(static_cast<int>(lanes()) - 1)))) {
+        if (rows_ > 1 && rows_ <= kMostRows) {
+            const auto from = [&](int row) {
+                return hn::RebindMask(F(), hn::Gt(piece, whole(row * static_cast<int>(lanes()) - 1)));
+            };
+            second_ = from(1);
+            third_ = from(2);
+            fourth_ = from(3);
+        }
+    }
+    [[nodiscard]] HWY_INLINE V operator()(const std::vector<float>& table) const {
+        if (HWY_UNLIKELY(rows_ > kMostRows))
+            return hn::BitCast(F(), gather(reinterpret_cast<const std::uint8_t*>(table.data()), hn::ShiftLeft<2>(piece_)));
+        const auto row = [&](std::size_t number) {
+            return hn::TableLookupLanes(hn::LoadU(F(), table.data() + number * lanes()), lane_);
+        };
+        V entry = row(0);
+        if (rows_ == 1) return entry;
+        entry = hn::IfThenElse(second_, row(1), entry);
+        if (rows_ == 2) return entry;
+        entry = hn::IfThenElse(third_, row(2), entry);
+        return rows_ == 3 ? entry : hn::IfThenElse(fourth_, row(3), entry);
+    }
+
+private:
+    static constexpr std::size_t kMostRows = 4;
+    [[nodiscard]] static HWY_INLINE std::size_t lanes() { return hn::Lanes(F()); }
+    W piece_;
+    std::size_t rows_;
+    decltype(hn::IndicesFromVec(F(), W())) lane_;
+    M second_, third_, fourth_;
+};
 
 /// The piece in which each value lies: how many of the others begin at or below.
 [[nodiscard]] HWY_INLINE W piece_of(const PackedTransfer& t, V value) {
@@ -315,13 +347,14 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
     V clear = set(1.0F);
     const V change = hn::Sub(to, from);
     for (bool one_piece = true;; one_piece = false) {
-        const V begin = look_up(t.begin, t.count, piece), end_of = look_up(t.end, t.count, piece);
+        const Entries entry(t.count, piece);
+        const V begin = entry(t.begin), end_of = entry(t.end);
         const V end = clamp(to, begin, end_of);
         const M beyond = hn::Ge(to, end_of), before = hn::Lt(to, begin);
         const M go_on = hn::And(active, hn::Or(beyond, before));
-        const V base = look_up(t.base, t.count, piece);
-        const V opacity = look_up(t.opacity, t.count, piece);
-        const V slope = look_up(t.opacity_slope, t.count, piece);
+        const V base = entry(t.base);
+        const V opacity = entry(t.opacity);
+        const V slope = entry(t.opacity_slope);
         const V x0 = hn::Sub(at, base), x1 = hn::Sub(end, base);
         const V a0 = clamp(add_product(opacity, slope, x0), set(0), set(1.0F));
         const V a1 = clamp(add_product(opacity, slope, x1), set(0), set(1.0F));
@@ -344,8 +377,7 @@ HWY_INLINE StepLook preintegrate(const PackedTransfer& t, V from, V to, V steps,
             const V alpha = opacity_of(depth);
             const V weight = hn::Mul(clear, alpha);
             const auto channel = [&](std::size_t c) {
-                return hn::Mul(weight, add_product(look_up(t.color[c], t.count, piece), middle,
-                                                   look_up(t.color_slope[c], t.count, piece)));
+                return hn::Mul(weight, add_product(entry(t.color[c]), middle, entry(t.color_slope[c])));
             };
             const auto nothing = hn::Not(seen);
             look.color = {hn::Add(look.color.x, hn::IfThenZeroElse(nothing, channel(0))),
@@ -777,9 +809,6 @@ namespace {
 HWY_EXPORT(cast_slabs);
 HWY_EXPORT(collect_slabs);
 HWY_EXPORT(cast_sums);
-
-/// Nothing that a ray of this many steps meets is lost to float32.
-constexpr double kMostSteps = 1 << 20;
 
 /// Rays through image positions x, y.
 void make_packet(const Camera& camera, double step, const std::vector<const FastVolume*>& volumes,

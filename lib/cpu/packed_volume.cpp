@@ -38,14 +38,15 @@ struct Integers {
     std::atomic<float> least{kExact}, most{-kExact};
     parallel_for(grid.values.size(), std::size_t{1} << 18U, [&](std::size_t begin, std::size_t end) {
         float lo = kExact, hi = -kExact;
-        bool all = true;
-        for (std::size_t i = begin; i < end && all; ++i) {
+        int broken = 0;
+        for (std::size_t i = begin; i < end; ++i) {
             const float v = grid.values[i];
-            all = std::abs(v) < kExact && v == std::floor(v);  // false for what is not a number
+            const float sure = std::abs(v) < kExact ? v : 0.5F;  // what is not a number counts as broken
+            broken |= static_cast<float>(static_cast<std::int32_t>(sure)) == sure ? 0 : 1;
             lo = std::min(lo, v);
             hi = std::max(hi, v);
         }
-        if (!all) whole = false;
+        if (broken != 0) whole = false;
         for (float seen = least; lo < seen && !least.compare_exchange_weak(seen, lo);) {
         }
         for (float seen = most; hi > seen && !most.compare_exchange_weak(seen, hi);) {
@@ -69,11 +70,14 @@ void fill_bricks(const VoxelGrid& grid, float least, const std::array<int, 3>& c
                              for (int j = 0; j < kSide; ++j) {
                                  const int y = std::min(first[1] + j, grid.size[1] - 1);
                                  const int z = std::min(first[2] + k, grid.size[2] - 1);
-                                 for (int i = 0; i < kSide; ++i, to += sizeof(Sample)) {
-                                     const auto v = static_cast<Sample>(
-                                         grid.at(std::min(first[0] + i, grid.size[0] - 1), y, z) - least);
-                                     std::memcpy(to, &v, sizeof(Sample));
-                                 }
+                                 const float* from = grid.values.data() + grid.index(first[0], y, z);
+                                 const auto last = wide(std::min(kSide, grid.size[0] - first[0])) - 1;
+                                 std::array<Sample, kSide> row;
+                                 for (std::size_t i = 0; i <= last; ++i)
+                                     row[i] = static_cast<Sample>(static_cast<std::int32_t>(from[i] - least));
+                                 for (std::size_t i = last + 1; i < row.size(); ++i) row[i] = row[last];
+                                 std::memcpy(to, row.data(), sizeof(row));
+                                 to += sizeof(row);
                              }
                      }
                  });

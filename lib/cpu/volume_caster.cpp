@@ -5,6 +5,7 @@
 #include <cassert>
 #include <cmath>
 
+#include "core/error.hpp"
 #include "cpu/preintegration.hpp"
 #include "field/iso_field.hpp"
 #include "scene/shading.hpp"
@@ -62,6 +63,13 @@ struct Span {
             static_cast<float>(opacity)};
 }
 
+void refuse_too_many_steps(const Box& bounds, double step, const char* kind, const std::string& name) {
+    if (bounds.empty() || length(bounds.size()) / step <= kMostSteps) return;
+    throw input_error("{} \"{}\": it is {:.3g} across, {:.2g} steps of {:.3g}, expected at most {}: take longer steps; they go by "
+                      "the smallest distance of samples",
+                      kind, name, length(bounds.size()), length(bounds.size()) / step, step, kMostSteps);
+}
+
 }  // namespace
 
 double voxel_pitch(const Affine& index_to_world) {
@@ -73,6 +81,7 @@ VolumeCaster::VolumeCaster(const PreparedScene& scene, const VolumeObject& volum
                            const CastSettings& settings)
     : scene_(&scene), volume_(&volume), settings_(settings), last_(volume.field().hull().hi) {
     assert(settings.step > 0);
+    refuse_too_many_steps(volume.bounds(), settings.step, "volume", volume.settings().name);
     if (settings.skip) space_ = find_empty_space(volume, kRoom);
 }
 
@@ -181,6 +190,7 @@ IsosurfaceCaster::IsosurfaceCaster(const PreparedScene& scene, const Object& obj
     isovalue_ = iso.isovalue();
     to_world_ = surface.to_world;
     to_index_ = to_world_.inverse();
+    refuse_too_many_steps(object.geometry->bounds(), settings.step, "surface", object.surface.name);
     static_assert(IsoField::kBrick == EmptySpace::kBlock);
     if (!settings.skip) return;
     space_ = EmptySpace(field_->cells(), [&](const std::array<int, 3>& first, const std::array<int, 3>& end) {

@@ -41,6 +41,10 @@ struct SlabList {
 /// Smallest distance of neighbouring samples, world: what "voxel" means.
 [[nodiscard]] double voxel_pitch(const Affine& index_to_world);
 
+/// Steps across the box of what is cast, at most: more would take for ever, and float32 would not tell them apart.
+/// 512³ voxels have 887 thousand of a thousandth of a voxel. Casters throw Error(input) where there are more.
+inline constexpr double kMostSteps = 1 << 20;
+
 /// A volume as rays see it; safe from several threads.
 class VolumeCaster {
 public:

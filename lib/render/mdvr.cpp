@@ -124,6 +124,7 @@ namespace {
     std::optional<PreparedScene> fine;
     std::optional<SceneMeshes> meshes;
     if (!std::ranges::all_of(scene.objects, IsosurfaceCaster::casts)) {
+        warn_of_rough_depths(scene);
         fine = polygons_of(scene, settings.rays);
         meshes.emplace(*fine, read_tessellation(input));
         find = [&](int y0, int y1) {

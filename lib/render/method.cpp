@@ -1,5 +1,8 @@
 #include "render/method.hpp"
 
+#include <algorithm>
+#include <cmath>
+
 #include "core/error.hpp"
 #include "render/methods.hpp"
 
@@ -34,6 +37,23 @@ std::optional<std::string> refusal_of_ray_and_particle_methods(const Scene& scen
         if (!surface.contours.empty()) return fmt::format("surface \"{}\": it has contours", surface.name);
     }
     return std::nullopt;
+}
+
+void warn_of_rough_depths(const PreparedScene& scene) {
+    constexpr double kRough = 2e-4;  // of the scene's size: a tenth of a voxel where there are 500
+    Box visible;
+    for (const Object& object : scene.objects)
+        if (object.geometry->patch_count() > 0) visible.include(object.geometry->bounds());
+    for (const VolumeObject& volume : scene.volumes)
+        if (!volume.bounds().empty()) visible.include(volume.bounds());
+    if (visible.empty()) return;
+    const double size = length(visible.size());
+    const double depth = std::min(scene.camera.to_view(visible.center()).z + 0.5 * size, scene.camera.far());
+    const double step = std::ldexp(depth, -23);
+    if (step > kRough * size)
+        warn("at a depth of {:.3g} float32 goes in steps of {:.2g}, and the scene is {:.2g} large: what is nearer to each "
+             "other is drawn in any order. Place the camera nearer",
+             depth, step, size);
 }
 
 }  // namespace pellucid

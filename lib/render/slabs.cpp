@@ -77,6 +77,7 @@ struct Parts {
 [[nodiscard]] Image draw_slabs(const RenderInput& input, RenderStats& stats) {
     const Settings settings = read_settings(input);
     const PreparedScene& scene = input.scene;
+    warn_of_rough_depths(scene);
     const Parts parts = parts_of(scene);
     const ZThicknessSize size = frame_size(scene, settings);
     Stopwatch watch;
@@ -101,8 +102,8 @@ struct Parts {
         SlabStageStats cast;
         for (const std::uint32_t i : parts.isosurfaces) {
             const Object& object = scene.objects[i];
-            const IsosurfaceCaster voxels(scene, object, {.step = 1, .skip = false});
-            pipeline->add_isosurface(object, {.step = settings.step * voxels.pitch(), .skip = settings.skip}, cast);
+            const double pitch = voxel_pitch(object.geometry->field_surface()->to_world);
+            pipeline->add_isosurface(object, {.step = settings.step * pitch, .skip = settings.skip}, cast);
             step_done();
         }
         stats.stages.push_back({"isosurfaces", watch.lap(), cast.bytes, fmt::format("{} crossings", cast.slabs)});

@@ -58,6 +58,7 @@ enum class Sort { none, object, triangle };
                                   std::optional<Sort> sort = {}) {
     Stopwatch watch;
     const PreparedScene& scene = input.scene;
+    warn_of_rough_depths(scene);
     const SceneMeshes meshes(scene, read_tessellation(input));
     stats.stages.push_back({"triangles", watch.lap(), static_cast<std::int64_t>(meshes.bytes()),
                             fmt::format("{} triangles, error <= {:.2g} pixels", meshes.triangle_count(), meshes.error_px())});

@@ -257,6 +257,8 @@ SurfaceTriangles tessellate(const FieldSurface& surface, int cells) {
     return out;
 }
 
+FieldSurface surface_for_triangles(const Object& object) { return field_surface_of(object, "mesh"); }
+
 SurfaceTriangles tessellate(const Object& object, int cells) {
     const FieldSurface surface = field_surface_of(object, "mesh");
     if (object.geometry->patch_count() == 0) return {};

@@ -37,6 +37,10 @@ inline constexpr int kMostMeshCells = 1024;
 [[nodiscard]] SurfaceTriangles tessellate(const FieldSurface& surface, int cells);
 [[nodiscard]] SurfaceTriangles tessellate(const Object& object, int cells);
 
+/// The field and bounds to make triangles of: a closed surface's bounds are a little wider than its own. Throws Error(input)
+/// where the object has no field.
+[[nodiscard]] FieldSurface surface_for_triangles(const Object& object);
+
 /// Triangles for whoever draws them: with an `error` as above of at most that much (world, > 0), by grids of at most
 /// kMostMeshCells; `error` of what is returned tells whether that was enough (at nodes, creases and apices it falls with the
 /// spacing only). For an error in pixels: times the side of a pixel where the surface is nearest

@@ -5,6 +5,7 @@
 
 #include "core/box_corners.hpp"
 #include "core/error.hpp"
+#include "io/input_file.hpp"
 
 namespace pellucid {
 
@@ -61,6 +62,23 @@ void include(Box& visible, const Box& box, const Scene& scene, const std::string
                           length(visible.size()));
 }
 
+/// Refuses formulas whose samples together have no room, before the first of them is sampled.
+void check_room(const Scene& scene) {
+    const std::uint64_t available = available_memory();
+    std::uint64_t bytes = 0;
+    for (const Volume& volume : scene.volumes) {
+        const auto* formula = std::get_if<ExpressionVolume>(&volume.source);
+        if (formula == nullptr) continue;
+        std::uint64_t samples = sizeof(float);
+        for (const int n : formula->resolution) samples *= static_cast<std::uint64_t>(n);
+        bytes += samples;
+        if (bytes > available)
+            throw input_error("{}: volume \"{}\": the samples of formulas up to this one take {} bytes, {} are free: "
+                              "expected a smaller resolution",
+                              scene.source, volume.name, bytes, available);
+    }
+}
+
 }  // namespace
 
 PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
@@ -68,6 +86,7 @@ PreparedScene prepare(const Scene& scene, std::optional<PixelRect> crop) {
     std::vector<Object> objects;
     std::vector<VolumeObject> volumes;
     Box visible;
+    check_room(scene);
     for (const Surface& surface : scene.surfaces) {
         objects.push_back({surface, make_geometry(surface), surface.to_world.inverse()});
         include(visible, bounds_of(objects.back()), scene, label(surface, "surface"));

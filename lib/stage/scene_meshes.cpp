@@ -9,6 +9,7 @@
 #include "sample/surface_mesh.hpp"
 #include "sample/view_thinning.hpp"
 #include "stage/refine_mesh.hpp"
+#include "stage/singular_mesh.hpp"
 
 namespace pellucid {
 namespace {
@@ -40,6 +41,9 @@ constexpr double kCellPixels = 6;
 constexpr int kLeastCells = 32;
 constexpr int kMostCells = 192;
 
+/// What refining leaves of a smooth surface is far less.
+constexpr double kSingularPx = 1;
+
 /// Along the longest edge of the bounds.
 [[nodiscard]] int cells_of(const Object& object, double pixel_side) {
     const Vec3 size = object.geometry->bounds().size();
@@ -61,6 +65,12 @@ constexpr int kMostCells = 192;
         if (geometry.patch_count() > 0 && side) {
             RefinedMesh found =
                 refine_mesh(object, scene.camera, tessellate(object, cells_of(object, *side)).mesh, settings.error_px);
+            // Formulas that stay far off have places where no grid's signs show the surface.
+            if (found.error_px > kSingularPx && geometry.field_surface()->cell_width == 0) {
+                RefinedMesh other = refine_mesh(object, scene.camera, singular_mesh(surface_for_triangles(object), scene.camera, {}),
+                                                settings.error_px);
+                if (other.error_px < found.error_px) found = std::move(other);
+            }
             out.error_px = found.error_px;
             if (found.off > 0)
                 warn("surface \"{}\": {} of its {} triangles are off by more than tessellate.error_px = {}, up to {:.2g}: beside "

@@ -139,7 +139,7 @@ public:
     }
 
     void add_isosurface(const Object& object, const CastSettings& settings, SlabStageStats& stats) override {
-        const double pitch = pellucid::IsosurfaceCaster(scene_, object, {.step = 1, .skip = false}).pitch();
+        const double pitch = voxel_pitch(object.geometry->field_surface()->to_world);
         IsosurfaceCaster caster(device_, scene_, object, fixed_thickness(scene_, object).value_or(pitch), settings, SinkKind::give);
         DeviceFrame& frame = next_frame();
         use(frame, std::max(1U, caster.band_rays()), std::max(most_slabs(), kMostGiven));
