@@ -218,11 +218,11 @@ std::vector<OrientedPoint> points_on_wavy_ball(int count) {
         const double angle = 2.399963229728653 * i;  // Fibonacci's
         const Vec3 way(std::sqrt(1 - z * z) * std::cos(angle), std::sqrt(1 - z * z) * std::sin(angle), z);
         const Vec3 p = radius(way) * way;
-        std::array<float, 3> normal{};
+        Vec3 normal;
         for (int axis = 0; axis < 3; ++axis) {
             Vec3 step(0.0);
             step[axis] = 1e-5;
-            normal[static_cast<std::size_t>(axis)] = static_cast<float>(1e5 * (field(p + step) - field(p - step)));
+            normal[axis] = field(p + step) - field(p - step);
         }
         normal = normalize(normal);
         points.push_back({p, {static_cast<float>(normal.x), static_cast<float>(normal.y), static_cast<float>(normal.z)}});

@@ -22,6 +22,6 @@ void finish_collecting() {
     leave_arrival(sink_pixel, collector.count, first_front);
     atomicAdd(frame.seen, seen_slabs);
 }
-#define sink_start(pixel, number) start_collecting(sink, pixel, number)
+#define sink_start(pixel) start_collecting(sink, pixel, invocation_number())
 #define sink_push(slab) collect_slab(slab)
 #define sink_finish() finish_collecting()

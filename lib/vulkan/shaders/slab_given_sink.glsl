@@ -26,6 +26,6 @@ void finish_giving() {
     leave_arrival(sink_pixel, given_count, given_nearest);
     atomicAdd(frame.seen, seen_slabs);
 }
-#define sink_start(pixel, number) start_giving(sink, pixel, number)
+#define sink_start(pixel) start_giving(sink, pixel, invocation_number())
 #define sink_push(slab) give_slab(slab)
 #define sink_finish() finish_giving()

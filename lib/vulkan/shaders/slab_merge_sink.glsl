@@ -24,6 +24,6 @@ void finish_meeting() {
     finish_merging();
     atomicAdd(frame.seen, seen_slabs);
 }
-#define sink_start(pixel, number) start_meeting(sink, pixel, number)
+#define sink_start(pixel) start_meeting(sink, pixel, invocation_number())
 #define sink_push(slab) meet_slab(slab)
 #define sink_finish() finish_meeting()
