@@ -17,7 +17,7 @@ namespace {
 constexpr double kFlat = 1.5;
 /// A leaf is cut so often for flatness, and so often for being monotone along any axis.
 constexpr int kCutsForFlat = 1;
-constexpr int kCutsForMonotone = 4;
+constexpr int kCutsForMonotone = 5;
 /// A box is looked into again where its volume has become less than this share.
 constexpr double kShrunkMuch = 0.6;
 /// Boxes around the surface are larger than they need be by this share of their cell.

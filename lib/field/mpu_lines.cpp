@@ -34,6 +34,7 @@ void MpuLine::set(const MpuField& field, std::span<const std::uint32_t> leaves, 
     const double along2 = dot(along, along);
     const double line_middle = lo + 0.5 * (hi - lo);
     const double line_half = 0.5 * (hi - lo) * (1 + kRoom);
+    for (const std::uint32_t number : leaves) __builtin_prefetch(field.leaves().data() + number);
     for (const std::uint32_t number : leaves) {
         const MpuLeaf& leaf = field.leaves()[number];
         const double edge = leaf.edge;
