@@ -497,6 +497,7 @@ MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) co
         Coefficients q;
         double most, least, here;  // weights
         std::array<double, 3> push, push_here, push_varies;  // ∂w along each axis: largest |∂w|, in the middle, off it
+        double reach;  // of what differs from the mean
         Reach other;  // how far the other pieces of the leaf may be from this one
     };
     thread_local std::vector<Part> parts;
@@ -510,15 +511,16 @@ MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) co
     for (const std::uint32_t number : list) {
         const MpuLeaf& leaf = leaves_[number];
         const double edge = leaf.edge;
-        const Vec3 u = (center - vector(leaf.center)) / edge;
-        const Vec3 h = half / edge;
+        const double per = 1 / edge;  // exact: edges are powers of two
+        const Vec3 u = (center - vector(leaf.center)) * per;
+        const Vec3 h = half * per;
         const Vec3 near = glm::max(glm::abs(u) - h, Vec3(0.0));
         const MpuWeight most(dot(near, near));
         if (!(most.value > 0)) continue;
         const Vec3 far = glm::abs(u) + h;
         const MpuWeight least(dot(far, far));
         const MpuWeight here(dot(u, u));
-        Part part{{}, most.value, least.value, here.value, {}, {}, {}, {0, {0, 0, 0}}};
+        Part part{{}, most.value, least.value, here.value, {}, {}, {}, 0, {0, {0, 0, 0}}};
         for (std::size_t a = 0; a < 3; ++a) {
             const auto axis = static_cast<int>(a);
             // ∂w = −slope·u_a/edge, the slope falls with the distance.
@@ -529,9 +531,9 @@ MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) co
             };
             const Interval both = hull(product(u[axis] - h[axis]), product(u[axis] + h[axis]));
             const double middle = here.slope * u[axis];
-            part.push[a] = both.reach() / edge;
-            part.push_here[a] = -middle / edge;
-            part.push_varies[a] = std::max(both.hi - middle, middle - both.lo) / edge;
+            part.push[a] = both.reach() * per;
+            part.push_here[a] = -middle * per;
+            part.push_varies[a] = std::max(both.hi - middle, middle - both.lo) * per;
         }
         const auto in_half_widths = [&](const Quadric& q) {
             const Vec3 g = q.gradient(u);
@@ -600,6 +602,7 @@ MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) co
     for (Part& part : parts) {
         for (std::size_t i = 0; i < 10; ++i) part.q[i] -= mean[i];
         const Reach reach = reach_of(part.q);
+        part.reach = reach.value;
         const double share = part.here / weight_here;
         const double most = std::min(1.0, part.most / least_weight);
         double moved = 0;  // ∇φ = (∇w − φ ∇Σw)/Σw
@@ -612,15 +615,15 @@ MpuRange MpuField::range(std::span<const std::uint32_t> list, const Box& box) co
     const Reach reach = reach_of(mean);
     const double wide = reach.value - std::abs(mean[0]) + off + kSlack;
     range.value = Interval(mean[0] - wide, mean[0] + wide);
+    if (!range.value.has_zero()) return range;
     for (std::size_t a = 0; a < 3; ++a) {
         const double h = half[static_cast<int>(a)];
         if (!(h > 0)) continue;
         double push = 0;
         double varies = 0;
         for (const Part& part : parts) {
-            const double reach_here = reach_of(part.q).value;
             push += part.push_here[a] * part.q[0];
-            varies += part.push_varies[a] * reach_here + std::abs(part.push_here[a]) * (reach_here - std::abs(part.q[0])) +
+            varies += part.push_varies[a] * part.reach + std::abs(part.push_here[a]) * (part.reach - std::abs(part.q[0])) +
                       part.push[a] * (part.other.value + off);
         }
         const Interval drift = Interval(push - varies, push + varies) / Interval(least_weight, most_weight);

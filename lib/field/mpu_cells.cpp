@@ -17,7 +17,7 @@ namespace {
 constexpr double kFlat = 1.5;
 /// A leaf is cut so often for flatness, and so often for being monotone along any axis.
 constexpr int kCutsForFlat = 1;
-constexpr int kCutsForMonotone = 3;
+constexpr int kCutsForMonotone = 5;
 /// A box is looked into again where its volume has become less than this share.
 constexpr double kShrunkMuch = 0.6;
 /// Boxes around the surface are larger than they need be by this share of their cell.
@@ -363,9 +363,8 @@ struct Isolation {
         }));
     }
 
-    void look(double lo, double f_lo, double hi, double f_hi, int depth) {
+    void look(double lo, double f_lo, double hi, double f_hi, const MpuLine::Range& range, int depth) {
         const bool differ = positive(f_lo) != positive(f_hi);
-        const auto range = line.range(lo, hi);
         if (!differ && !range.value.has_zero()) return;
         const bool one = !range.slope.has_zero();
         const double middle = lo + 0.5 * (hi - lo);
@@ -376,8 +375,8 @@ struct Isolation {
             return;
         }
         const double f = line.value(middle);
-        look(lo, f_lo, middle, f, depth + 1);
-        look(middle, f, hi, f_hi, depth + 1);
+        look(lo, f_lo, middle, f, line.range(lo, middle), depth + 1);
+        look(middle, f, hi, f_hi, line.range(middle, hi), depth + 1);
     }
 };
 
@@ -414,17 +413,21 @@ void MpuCells::cross(std::size_t index, const Vec3& origin, const Vec3& directio
     if (!(lo < hi)) return;
     const auto leaves = leaves_of(cell);
     thread_local MpuLine line;
-    line.set(field_, leaves, origin, direction);
+    line.set(field_, leaves, origin, direction, lo, hi);
+    const double rounding = 1e-12 * sum;
+    const bool one = least > rounding || most < -rounding;
+    // Most lines that are not known to have one root at most have none, as one range says.
+    const MpuLine::Range range = one ? MpuLine::Range{} : line.range(lo, hi);
+    if (!one && !range.value.has_zero()) return;
     const double f_lo = line.value(lo);
     const double f_hi = line.value(hi);
     thread_local std::vector<double> found;
     found.clear();
     Isolation isolation{line, found, stats};
-    const double rounding = 1e-12 * sum;
-    if (least > rounding || most < -rounding) {
+    if (one) {
         if (positive(f_lo) != positive(f_hi)) isolation.refine(lo, f_lo, hi, f_hi);
     } else {
-        isolation.look(lo, f_lo, hi, f_hi, 0);
+        isolation.look(lo, f_lo, hi, f_hi, range, 0);
     }
     for (const double t : found) roots.push_back({t, mpu_gradient(field_, leaves, origin + t * direction)});
 }

@@ -15,25 +15,39 @@ namespace {
     return out;
 }
 
+/// Most leaves have one piece: without a call.
+[[nodiscard]] std::size_t decides(Join join, const std::array<double, 3>& value) {
+    return join == Join::one ? 0 : deciding_piece(join, value);
+}
+
+/// Of [lo, hi], against rounding.
+constexpr double kRoom = 1e-9;
+
 }  // namespace
 
 void MpuLine::set(const MpuField& field, std::span<const std::uint32_t> leaves, const Vec3& origin,
-                  const Vec3& direction) {
+                  const Vec3& direction, double lo, double hi) {
     parts_.clear();
     const Vec3 from = field.to_unit(origin);
     const Vec3 along = direction / field.size();
+    const double per_along2 = 1 / dot(along, along);
     const double along2 = dot(along, along);
+    const double line_middle = lo + 0.5 * (hi - lo);
+    const double line_half = 0.5 * (hi - lo) * (1 + kRoom);
+    for (const std::uint32_t number : leaves) __builtin_prefetch(field.leaves().data() + number);
     for (const std::uint32_t number : leaves) {
         const MpuLeaf& leaf = field.leaves()[number];
         const double edge = leaf.edge;
+        const double per_edge = 1 / edge;  // exact: edges are powers of two
         const Vec3 center = vector(leaf.center);
         Part part;
-        part.middle = dot(center - from, along) / along2;
-        const Vec3 u = (from + part.middle * along - center) / edge;
-        const Vec3 du = along / edge;
+        part.middle = dot(center - from, along) * per_along2;
+        const Vec3 u = (from + part.middle * along - center) * per_edge;
         part.near2 = dot(u, u);
-        if (!(part.near2 < kMpuSupport2)) continue;
-        part.per2 = dot(du, du);
+        part.per2 = along2 * (per_edge * per_edge);
+        const double ahead = std::max(std::abs(line_middle - part.middle) - line_half, 0.0);
+        if (!(part.near2 + part.per2 * (ahead * ahead) < kMpuSupport2)) continue;
+        const Vec3 du = along * per_edge;
         part.join = leaf.join;
         for (std::size_t k = 0; k < piece_count(leaf.join); ++k) {
             const Quadric q = quadric(field.piece(leaf, k));
@@ -58,7 +72,7 @@ double MpuLine::value(double t) const {
             q[k] = p.a0 + off * (p.a1 + off * p.a2);
         }
         weights += w;
-        sum += w * q[deciding_piece(part.join, q)];
+        sum += w * q[decides(part.join, q)];
     }
     return sum / weights;
 }
@@ -76,7 +90,7 @@ MpuLine::Slope MpuLine::value_and_slope(double t) const {
             const Piece& p = part.pieces[k];
             q[k] = p.a0 + off * (p.a1 + off * p.a2);
         }
-        const std::size_t k = deciding_piece(part.join, q);
+        const std::size_t k = decides(part.join, q);
         const double dw = -w.slope * part.per2 * off;
         weights += w.value;
         weights_slope += dw;
@@ -127,10 +141,10 @@ MpuLine::Range MpuLine::range(double lo, double hi) const {
             q[k] = p.a0 + off * (p.a1 + off * p.a2);
             pieces[k] = {q[k], half * (p.a1 + 2 * off * p.a2), half * half * p.a2};
         }
-        const auto& own = pieces[deciding_piece(part.join, q)];
+        const auto& own = pieces[decides(part.join, q)];
         double other = 0;
         double other_slope = 0;
-        for (std::size_t k = 0; k < piece_count(part.join); ++k) {
+        for (std::size_t k = 0; part.join != Join::one && k < piece_count(part.join); ++k) {
             const double d0 = pieces[k][0] - own[0];
             const double d1 = std::abs(pieces[k][1] - own[1]);
             const double d2 = std::abs(pieces[k][2] - own[2]);
@@ -202,7 +216,7 @@ Vec3 mpu_gradient(const MpuField& field, std::span<const std::uint32_t> leaves, 
         if (!(w.value > 0)) continue;
         std::array<double, 3> q{};
         for (std::size_t k = 0; k < piece_count(leaf.join); ++k) q[k] = edge * quadric(field.piece(leaf, k)).value(u);
-        const std::size_t k = deciding_piece(leaf.join, q);
+        const std::size_t k = decides(leaf.join, q);
         const Vec3 push = -(w.slope / edge) * u;
         weights += w.value;
         sum += w.value * q[k];

@@ -14,8 +14,9 @@ namespace pellucid {
 /// that differ in leaves which do not reach t give the same bits.
 class MpuLine {
 public:
-    /// Object space.
-    void set(const MpuField& field, std::span<const std::uint32_t> leaves, const Vec3& origin, const Vec3& direction);
+    /// Object space; for t in [lo, hi] alone.
+    void set(const MpuField& field, std::span<const std::uint32_t> leaves, const Vec3& origin, const Vec3& direction,
+             double lo, double hi);
 
     struct Slope {
         double value = 0;
