@@ -120,12 +120,6 @@ struct Judged {
     GradientDifference gradient;
 };
 
-/// Error at a thickness of 1 over that of auto; 1 where the sweep has no such thickness.
-double one_voxel(const std::vector<Judged>& all, const Judged& automatic) {
-    const auto found = std::ranges::find(all, 1.0, &Judged::thickness);
-    return found == all.end() ? 1 : found->rmse / automatic.rmse;
-}
-
 /// Error, jags and blur over thickness, away from outlines.
 ///   unit  length of a thickness of 1
 void sweep(Experiment& ex, const Settings& s, const std::string& name, Scene scene, double unit, CsvWriter& csv,
@@ -173,7 +167,7 @@ void sweep(Experiment& ex, const Settings& s, const std::string& name, Scene sce
         ex.check(name + ": error of auto over the least error of any thickness", automatic.rmse / least.rmse, "<=", 1.5);
     } else {  // auto is a voxel here, as the dissertation has it: that it is too thick is what the figure says
         ex.check(name + ": thickness of least error, in voxels", least.thickness, "<=", 1);
-        ex.check(name + ": error of one voxel over that of auto", one_voxel(all, automatic), "==", 1);
+        ex.check(name + ": error of auto over the least error of any thickness", automatic.rmse / least.rmse, "<=", 2);
     }
     ex.check(name + ": blur of the thickest over that of auto", all.back().gradient.lack / automatic.gradient.lack, ">=", 1);
 }

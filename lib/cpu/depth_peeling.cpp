@@ -6,6 +6,7 @@
 #include <mutex>
 #include <numeric>
 
+#include "core/order_weights.hpp"
 #include "core/parallel.hpp"
 #include "scene/shading.hpp"
 #include "stage/virtual_slab.hpp"
@@ -109,6 +110,7 @@ public:
             const double cosine = std::abs(dot(geometric, pixel.ray.direction)) / (length(geometric) * pixel.length);
             alpha = object.opacity(cosine > kLeastCosine ? std::min(cosine, 1.0) : kLeastCosine, share);
         }
+        if (static_cast<float>(alpha) == 0) return false;
         const Vec3 own = object.geometry->has_color() ? object.geometry->color(world) : object.surface.color;
         const Vec3 color = pellucid::shade(scene_.settings.lights, object.surface.shading, own, pixel.to_viewer, smooth);
         double thickness = 0;
@@ -372,25 +374,6 @@ std::vector<std::uint32_t> all_objects(const SceneMeshes& meshes) {
     return all;
 }
 
-namespace {
-
-/// Equation (4.4) for any number, as the truth has it: what a fragment keeps of its colour among others at its depth is
-/// ∫₀¹ Π (1 − u α_j) du over the others; of two, 1 − α_j/2.
-[[nodiscard]] double mixed_share(std::span<const SurfaceFragment> together, std::size_t own) {
-    std::vector<double> product{1};  // coefficients of the product
-    for (std::size_t i = 0; i < together.size(); ++i) {
-        if (i == own) continue;
-        product.push_back(0);
-        for (std::size_t k = product.size() - 1; k > 0; --k)
-            product[k] -= static_cast<double>(together[i].slab.a) * product[k - 1];
-    }
-    double integral = 0;
-    for (std::size_t k = 0; k < product.size(); ++k) integral += product[k] / static_cast<double>(k + 1);
-    return integral;
-}
-
-}  // namespace
-
 Composite composite_surfaces(std::span<const SurfaceFragment> fragments) {
     Composite sum;
     double clear = 1;
@@ -398,10 +381,14 @@ Composite composite_surfaces(std::span<const SurfaceFragment> fragments) {
         std::size_t end = i + 1;
         while (end < fragments.size() && fragments[end].slab.z == fragments[i].slab.z) ++end;
         const auto together = fragments.subspan(i, end - i);
+        thread_local std::vector<double> alphas, weights;
+        alphas.clear();
+        for (const SurfaceFragment& f : together) alphas.push_back(static_cast<double>(f.slab.a));
+        weigh_all_orders(alphas, weights);
         double passes = 1;
         for (std::size_t k = 0; k < together.size(); ++k) {
             const twin::Slab& slab = together[k].slab;
-            const double weight = together.size() == 1 ? clear : clear * mixed_share(together, k);
+            const double weight = clear * weights[k];
             sum.r += weight * static_cast<double>(slab.r);
             sum.g += weight * static_cast<double>(slab.g);
             sum.b += weight * static_cast<double>(slab.b);

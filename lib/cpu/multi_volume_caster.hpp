@@ -1,5 +1,5 @@
 // Conventional multi-volume ray-casting, the baseline of zSlabs: one ray samples all volumes at the same
-// places and mixes each step (zSlab dissertation, sections 2.2 and 4; (4.1) to (4.4)); surfaces lie between
+// places and mixes each step (zSlab dissertation, 1.3.1 and 6.2.1; mixing: 4.3); surfaces lie between
 // the parts of a step.
 #pragma once
 

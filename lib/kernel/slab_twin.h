@@ -111,18 +111,16 @@ TWIN_FN SlabShares original_shares(float a, float front_length, float back_lengt
     return s;
 }
 
-// (3.2) and (3.3) as they stand, the back part by (3.6): digits are lost as α goes to 0 or the front takes nearly
-// all, and 0/0 counts as 0.
-TWIN_FN SlabShares textbook_shares(float a, float front_length, float d) {
+// (3.2) and (3.3) as they stand, for both parts: digits are lost as α goes to 0, and 0/0 counts as 0.
+TWIN_FN SlabShares textbook_shares(float a, float front_length, float back_length, float d) {
     TWIN_PRECISE float transmittance = 1.0f - a;
     TWIN_PRECISE float front_a = 1.0f - twin_power(transmittance, length_ratio(front_length, d));
+    TWIN_PRECISE float back_a = 1.0f - twin_power(transmittance, length_ratio(back_length, d));
     TWIN_PRECISE float front = front_a * twin_reciprocal(max(a, kSmallestNormal));
-    TWIN_PRECISE float left = 1.0f - front_a;
-    TWIN_PRECISE float back_a = (a - front_a) * twin_reciprocal(max(left, kSmallestNormal));
     TWIN_PRECISE float back = back_a * twin_reciprocal(max(a, kSmallestNormal));
     SlabShares s;
-    s.front = min(front, 1.0f);
-    s.back = pick(left < kSmallestNormal, 0.0f, min(max(back, 0.0f), 1.0f));
+    s.front = min(max(front, 0.0f), 1.0f);
+    s.back = min(max(back, 0.0f), 1.0f);
     return s;
 }
 
@@ -156,7 +154,7 @@ TWIN_FN SlabParts split_slab(Slab slab, float front, float cut, uint interpolati
     SlabShares shares;
     if (interpolation == kInterpolateModified) shares = modified_shares(slab.a, front_length, back_length, d);
     else if (interpolation == kInterpolateOriginal) shares = original_shares(slab.a, front_length, back_length, d);
-    else shares = textbook_shares(slab.a, front_length, d);
+    else shares = textbook_shares(slab.a, front_length, back_length, d);
 
     bool behind = front_length < kSmallestNormal;
     bool before = back_length < kSmallestNormal && !behind;

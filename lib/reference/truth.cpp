@@ -10,6 +10,7 @@
 #include <span>
 
 #include "core/error.hpp"
+#include "core/order_weights.hpp"
 #include "core/parallel.hpp"
 #include "core/stopwatch.hpp"
 #include "reference/layer_pool.hpp"
@@ -205,8 +206,12 @@ private:
                 }
             }
             double passes = 1;
-            for (const MixedLayer& layer : mixed_) {
-                const double weight = clear * layer.alpha * mixed_share(layer);
+            mixed_alphas_.clear();
+            for (const MixedLayer& layer : mixed_) mixed_alphas_.push_back(layer.alpha);
+            weigh_all_orders(mixed_alphas_, mixed_weights_);
+            for (std::size_t k = 0; k < mixed_.size(); ++k) {
+                const MixedLayer& layer = mixed_[k];
+                const double weight = clear * layer.alpha * mixed_weights_[k];
                 for (int c = 0; c < 3; ++c) sum.c[c] += weight * layer.color[c];
                 passes *= 1 - layer.alpha;
             }
@@ -245,22 +250,6 @@ private:
             sum.c[3] += weight;
             clear -= weight;
         }
-    }
-
-    /// Equation (4.4) of the zSlab dissertation, for any number: what a layer of mixed_ keeps of its colour when the layers at its depth
-    /// are put in front of it with chance ½ each, averaged over all orders: ∫₀¹ Π (1 − u α_j) du over the
-    /// others. Of two, 1 − α_j/2.
-    [[nodiscard]] double mixed_share(const MixedLayer& layer) const {
-        if (mixed_.size() == 1) return 1;
-        std::vector<double> product{1};  // coefficients of Π (1 − u α_j)
-        for (const MixedLayer& other : mixed_) {
-            if (&other == &layer) continue;
-            product.push_back(0);
-            for (std::size_t k = product.size() - 1; k > 0; --k) product[k] -= other.alpha * product[k - 1];
-        }
-        double integral = 0;
-        for (std::size_t k = 0; k < product.size(); ++k) integral += product[k] / static_cast<double>(k + 1);
-        return integral;
     }
 
     /// Every stratum has one sub-ray of each set: their spread within strata is the variance of the stratified mean,
@@ -312,6 +301,7 @@ private:
     double pool_share_ = 1;  // of one sub-ray in the pool
     double pool_error_ = 0;  // that spreading layers may make
     std::vector<MixedLayer> mixed_;  // of one ray and depth
+    std::vector<double> mixed_alphas_, mixed_weights_;
     struct StratumSums {  // over the sets
         double value[4]{};
         double square[4]{};

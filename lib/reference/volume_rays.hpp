@@ -3,7 +3,7 @@
 //
 // A ray is walked cell by cell of every volume, and pieces end where a cell, a hull, a clip plane or a piece
 // of a transfer function ends. On a piece Gauss' three points (degree 5) do where a bound of their error says so,
-// which is nearly everywhere in thin media. Elsewhere Kronrod's five points (degree 8) are compared with Gauss' two
+// which is nearly everywhere in thin media. Elsewhere Kronrod's five points (degree 7) are compared with Gauss' two
 // (degree 3) among them, and the piece is halved until they agree.
 #pragma once
 

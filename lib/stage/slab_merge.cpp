@@ -6,7 +6,7 @@
 #include <cmath>
 #include <limits>
 
-#include "core/gauss_legendre.hpp"
+#include "core/order_weights.hpp"
 #include "kernel/intermix_twin.h"
 #include "kernel/plain_cast_twin.h"
 
@@ -76,22 +76,13 @@ private:
     void weigh(std::span<const Slab> parts, double a) {
         weights_.assign(parts.size(), 0);
         switch (mixing_) {
-            case SlabMixing::average: weigh_all_orders(parts); break;
+            case SlabMixing::average:
+                alphas_.clear();
+                for (const Slab& part : parts) alphas_.push_back(static_cast<double>(part.a));
+                weigh_all_orders(alphas_, weights_);
+                break;
             case SlabMixing::normalised: weigh_normalised(parts, a); break;
             case SlabMixing::extinction: weigh_extinction(parts, a); break;
-        }
-    }
-
-    /// In a random order slab i has each other one in front of it with the chance t that is its own place in [0, 1], so
-    /// what reaches it in the mean is ∫ Π_{j≠i}(1 − tα_j) dt: a polynomial, which the quadrature integrates exactly.
-    void weigh_all_orders(std::span<const Slab> parts) {
-        const std::size_t n = (parts.size() + 1) / 2;
-        if (nodes_.size() != n) nodes_ = gauss_legendre(n);
-        for (const QuadratureNode& node : nodes_) {
-            double product = node.weight;
-            for (const Slab& part : parts) product *= 1 - node.at * static_cast<double>(part.a);
-            for (std::size_t i = 0; i < parts.size(); ++i)
-                weights_[i] += product / (1 - node.at * static_cast<double>(parts[i].a));
         }
     }
 
@@ -119,7 +110,7 @@ private:
 
     SlabMixing mixing_;
     std::vector<double> weights_;
-    std::vector<QuadratureNode> nodes_;
+    std::vector<double> alphas_;
 };
 
 /// By depth, then by bits: one order for one set of slabs.
@@ -281,8 +272,8 @@ SlabArray merge_order_free(std::span<const std::span<const Slab>> arrays, const 
 }
 
 OrderFreePlan order_free_plan(std::size_t slabs) {
-    // Slabs in canonical order, begun ones, parts and the result; ends; weights and nodes of the mixer.
-    const std::size_t bytes = slabs * (5 * sizeof(Slab) + 2 * sizeof(float) + sizeof(double) + sizeof(QuadratureNode));
+    // Slabs in canonical order, begun ones, parts and the result; ends; weights and opacities of the mixer.
+    const std::size_t bytes = slabs * (5 * sizeof(Slab) + 2 * sizeof(float) + 2 * sizeof(double));
     return {.most_slabs = 2 * slabs, .bytes = bytes};
 }
 

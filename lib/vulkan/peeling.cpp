@@ -161,7 +161,7 @@ public:
         require_fits(camera.width());
 
         std::vector<bool> shows;
-        for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(scene.objects[mesh.object].surface.opacity > 0);
+        for (const ObjectMesh& mesh : meshes.objects()) shows.push_back(static_cast<float>(scene.objects[mesh.object].surface.opacity) > 0);
         Parts parts = set_up(camera, meshes, shows);
         first_part_ = parts.first;
         place_viewport();
