@@ -21,26 +21,40 @@ namespace {
 struct Settings {
     std::vector<std::string> backends, scenes, intermix;
     std::filesystem::path folder;
-    std::vector<std::int64_t> layers, error_resolution, resolutions;
+    std::vector<std::int64_t> error_resolution;
     std::string mixing;
-    int truth_samples, runs;
+    int truth_samples;
     double error_limit;
+    /// What a device in software has no hours for.
+    struct OfBackend {
+        std::vector<std::int64_t> layers, resolutions;
+        int runs;
+    };
+    OfBackend cpu, device;
+    [[nodiscard]] const OfBackend& of(const Backend& backend) const { return backend.on_device() ? device : cpu; }
 };
+
+Settings::OfBackend read_backend(const ConfigTable& t) {
+    Settings::OfBackend s;
+    s.layers = t.integers("layers", kRequired, {2, 1024}, {.min = 2});
+    s.resolutions = t.integers("resolutions", kRequired, {1, 1 << 14});
+    s.runs = static_cast<int>(t.integer("runs", kRequired, {1, 1 << 10}));
+    if (!std::ranges::is_sorted(s.layers)) throw input_error("layers are not in ascending order");
+    return s;
+}
 
 Settings read_settings(const ConfigTable& t) {
     Settings s;
     s.backends = t.texts("backends", kRequired);
     s.folder = t.file("folder");
     s.scenes = t.texts("scenes", kRequired);
-    s.layers = t.integers("layers", kRequired, {2, 1024}, {.min = 2});
+    s.cpu = read_backend(t.table("cpu"));
+    s.device = read_backend(t.table("vulkan"));
     s.intermix = t.texts("intermix", kRequired);
     s.mixing = t.text("mixing", kRequired);
     s.error_resolution = t.integers("error_resolution", kRequired, {11, 1 << 14}, exactly(2));
     s.truth_samples = static_cast<int>(t.integer("truth_samples", kRequired, {1, 1 << 20}));
-    s.resolutions = t.integers("resolutions", kRequired, {1, 1 << 14});
-    s.runs = static_cast<int>(t.integer("runs", kRequired, {1, 1 << 10}));
     s.error_limit = t.number("error_limit", kRequired, above(0));
-    if (!std::ranges::is_sorted(s.layers)) throw input_error("layers are not in ascending order");
     return s;
 }
 
@@ -78,9 +92,9 @@ MethodChoice mdvr(const Settings& s, bool skip, int rays = 1) {
 // ---- Error over layers --------------------------------------------------------------------------------------
 
 /// The least number of layers whose error is within a tenth of `floor`; empty where none is.
-std::optional<std::int64_t> layers_enough(const Settings& s, const std::vector<double>& error, double floor) {
-    for (std::size_t i = 0; i < s.layers.size(); ++i)
-        if (error[i] <= 1.1 * floor) return s.layers[i];
+std::optional<std::int64_t> layers_enough(const std::vector<std::int64_t>& layers, const std::vector<double>& error, double floor) {
+    for (std::size_t i = 0; i < layers.size(); ++i)
+        if (error[i] <= 1.1 * floor) return layers[i];
     return std::nullopt;
 }
 
@@ -96,6 +110,7 @@ RgbImage draw_truth(Experiment& ex, const Settings& s, const std::string& name, 
 void measure_errors(Experiment& ex, const Settings& s, const std::string& name, const PreparedScene& prepared, const RgbImage& truth,
                     const Backend& backend, CsvWriter& csv, CsvWriter& enough) {
     const Vec3& background = prepared.settings.image.background;
+    const std::vector<std::int64_t>& all_layers = s.of(backend).layers;
     const auto draw = [&](const MethodChoice& choice) {
         RenderStats stats;
         return method_image(prepared, choice, ex.seed(), stats, backend);
@@ -108,21 +123,22 @@ void measure_errors(Experiment& ex, const Settings& s, const std::string& name, 
     if (!backend.on_device()) ex.png("pictures/" + name + "_mdvr", cast, background);
     for (const std::string& intermix : s.intermix) {
         std::vector<double> beside_mdvr, beside_truth;
-        for (const std::int64_t layers : s.layers) {
+        for (const std::int64_t layers : all_layers) {
             const Image image = draw(slabs(s, intermix, layers, true));
             const RgbImage test = over_background(image, background, "slabs");
             beside_mdvr.push_back(rmse(test, conventional));
             beside_truth.push_back(rmse(test, truth));
             csv.row(name, backend.name(), intermix, layers, beside_mdvr.back(), beside_truth.back(), flip(test, conventional).mean,
                     flip(test, truth).mean);
-            if (!backend.on_device() && (layers == s.layers.front() || layers == 4 || layers == 8))
+            if (!backend.on_device() && (layers == all_layers.front() || layers == 4 || layers == 8))
                 ex.png(fmt::format("pictures/{}_{}_{}", name, intermix, layers), image, background);
         }
         const std::string which = fmt::format("{}, {}, {}", name, backend.name(), intermix);
-        enough.row(name, backend.name(), intermix, layers_enough(s, beside_truth, floor), layers_enough(s, beside_mdvr, beside_mdvr.back()));
+        enough.row(name, backend.name(), intermix, layers_enough(all_layers, beside_truth, floor),
+                   layers_enough(all_layers, beside_mdvr, beside_mdvr.back()));
         ex.check(which + ": error of the most layers over that of the fewest", beside_mdvr.back() / beside_mdvr.front(), "<", 1);
-        for (std::size_t i = 0; i < s.layers.size(); ++i)
-            if (s.layers[i] == 8) ex.check(which + ": RMSE of 8 layers beside mdvr", beside_mdvr[i], "<=", s.error_limit);
+        for (std::size_t i = 0; i < all_layers.size(); ++i)
+            if (all_layers[i] == 8) ex.check(which + ": RMSE of 8 layers beside mdvr", beside_mdvr[i], "<=", s.error_limit);
     }
 }
 
@@ -137,11 +153,11 @@ struct Timed {
     std::vector<Stage> stages;  // of the last run
 };
 
-std::vector<Timed> what_is_timed(const Settings& s) {
+std::vector<Timed> what_is_timed(const Settings& s, const std::vector<std::int64_t>& all_layers) {
     std::vector<Timed> all;
     for (const bool skip : {true, false}) all.push_back({"mdvr", "", {}, skip, mdvr(s, skip), {}, {}});
     for (const std::string& intermix : s.intermix)
-        for (const std::int64_t layers : s.layers)
+        for (const std::int64_t layers : all_layers)
             all.push_back({"slabs", intermix, layers, true, slabs(s, intermix, layers, true), {}, {}});
     for (const std::string& intermix : s.intermix)
         all.push_back({"slabs", intermix, 8, false, slabs(s, intermix, 8, false), {}, {}});
@@ -157,11 +173,12 @@ double median(std::vector<double> values) {
 void measure_times(Experiment& ex, const Settings& s, const std::string& name, const Scene& whole, std::int64_t side,
                    const Backend& backend, CsvWriter& csv, CsvWriter& stages) {
     const PreparedScene prepared = prepare(resized(whole, side, side));
-    std::vector<Timed> all = what_is_timed(s);
+    std::vector<Timed> all = what_is_timed(s, s.of(backend).layers);
+    const int runs = s.of(backend).runs;
     std::vector<std::size_t> order(all.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
     std::mt19937_64 random(derived_seed(ex.seed(), 2).value);
-    for (int run = -1; run < s.runs; ++run) {
+    for (int run = -1; run < runs; ++run) {
         std::ranges::shuffle(order, random);
         for (const std::size_t i : order) {
             RenderStats stats;
@@ -175,7 +192,7 @@ void measure_times(Experiment& ex, const Settings& s, const std::string& name, c
     }
     for (const Timed& t : all) {
         const auto [least, most] = std::ranges::minmax(t.seconds);
-        csv.row(name, backend.name(), side, t.method, t.intermix, t.layers, t.skip, s.runs, median(t.seconds), least, most);
+        csv.row(name, backend.name(), side, t.method, t.intermix, t.layers, t.skip, runs, median(t.seconds), least, most);
         for (const Stage& stage : t.stages)
             stages.row(name, backend.name(), side, t.method, t.intermix, t.layers, t.skip, stage.name, stage.bytes, stage.wall_s,
                        stage.device_s);
@@ -191,7 +208,7 @@ void run(Experiment& ex) {
                                         "most_s"});
     CsvWriter& stages = ex.csv("stages", {"scene", "backend", "side_px", "method", "intermix", "layers", "skip", "stage", "stage_bytes",
                                           "wall_s", "device_s"});
-    auto progress = ex.progress("scenes", s.scenes.size() * backends.size() * (1 + s.resolutions.size()));
+    auto progress = ex.progress("scenes", s.scenes.size() * backends.size());
     std::size_t drawn = 0;
     for (const std::string& name : s.scenes) {
         const auto scene = read_scene(s, name);
@@ -204,11 +221,9 @@ void run(Experiment& ex) {
         }
         for (const Backend& backend : backends) {
             if (scene) measure_errors(ex, s, name, *judged, *truth, backend, errors, enough);
-            progress->step();
-            for (const std::int64_t side : s.resolutions) {
+            for (const std::int64_t side : s.of(backend).resolutions)
                 if (scene) measure_times(ex, s, name, *scene, side, backend, times, stages);
-                progress->step();
-            }
+            progress->step();
         }
     }
     if (drawn == 0) throw input_error("scenes: none of them has its volumes");
