@@ -1,6 +1,7 @@
 // Private to lib/vulkan: the Vulkan handles behind device.hpp, and the check of every call.
 #pragma once
 
+#include <map>
 #include <mutex>
 #include <string>
 #include <vector>
@@ -46,6 +47,15 @@ struct Context {
     VkPhysicalDeviceMemoryProperties memory{};
     ValidationLog log;
 
+    /// Compute pipelines that were made, by push bytes, constants and code: drivers compile for seconds. They live as long
+    /// as the device.
+    struct Pipeline {
+        VkShaderModule shader = VK_NULL_HANDLE;
+        VkPipelineLayout layout = VK_NULL_HANDLE;
+        VkPipeline pipeline = VK_NULL_HANDLE;
+    };
+    std::map<std::vector<std::uint32_t>, Pipeline> pipelines;
+
     std::uint64_t bytes_held = 0;
     std::uint64_t peak_bytes = 0;
     std::uint32_t allocations = 0;
@@ -72,15 +82,9 @@ struct Buffer::State {
 
 struct Kernel::State {
     std::shared_ptr<Context> context;
-    VkShaderModule shader = VK_NULL_HANDLE;
-    VkPipelineLayout layout = VK_NULL_HANDLE;
+    VkPipelineLayout layout = VK_NULL_HANDLE;  // the context's
     VkPipeline pipeline = VK_NULL_HANDLE;
     std::uint32_t push_bytes = 0;
-
-    State() = default;
-    State(const State&) = delete;
-    State& operator=(const State&) = delete;
-    ~State();
 };
 
 struct RasterKernel::State {

@@ -348,6 +348,11 @@ void check(VkResult result, const char* call) {
 }
 
 Context::~Context() {
+    for (const auto& [key, made] : pipelines) {
+        if (made.pipeline != VK_NULL_HANDLE) vkDestroyPipeline(device, made.pipeline, nullptr);
+        if (made.layout != VK_NULL_HANDLE) vkDestroyPipelineLayout(device, made.layout, nullptr);
+        if (made.shader != VK_NULL_HANDLE) vkDestroyShaderModule(device, made.shader, nullptr);
+    }
     if (device != VK_NULL_HANDLE) vkDestroyDevice(device, nullptr);
     if (messenger != VK_NULL_HANDLE) {
         const auto destroy_messenger = reinterpret_cast<PFN_vkDestroyDebugUtilsMessengerEXT>(

@@ -222,12 +222,6 @@ private:
 
 }  // namespace
 
-Kernel::State::~State() {
-    if (pipeline != VK_NULL_HANDLE) vkDestroyPipeline(context->device, pipeline, nullptr);
-    if (layout != VK_NULL_HANDLE) vkDestroyPipelineLayout(context->device, layout, nullptr);
-    if (shader != VK_NULL_HANDLE) vkDestroyShaderModule(context->device, shader, nullptr);
-}
-
 Kernel::Kernel(Kernel&& other) noexcept = default;
 Kernel& Kernel::operator=(Kernel&& other) noexcept = default;
 Kernel::~Kernel() = default;
@@ -240,18 +234,28 @@ Kernel::Kernel(const Device& device, std::span<const std::uint32_t> spirv, const
     s.push_bytes = settings.push_bytes;
     VkDevice logical = s.context->device;
 
-    s.shader = make_shader(logical, spirv);
-    s.layout = make_layout(logical, VK_SHADER_STAGE_COMPUTE_BIT, settings.push_bytes);
-    const Constants constants(settings.constants);
-    auto pipeline = structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
-    pipeline.stage.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO;
-    pipeline.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
-    pipeline.stage.module = s.shader;
-    pipeline.stage.pName = "main";
-    pipeline.stage.pSpecializationInfo = constants.info();
-    pipeline.layout = s.layout;
-    check(vkCreateComputePipelines(logical, VK_NULL_HANDLE, 1, &pipeline, nullptr, &s.pipeline),
-          "vkCreateComputePipelines");
+    std::vector<std::uint32_t> key{settings.push_bytes, static_cast<std::uint32_t>(settings.constants.size())};
+    key.insert(key.end(), settings.constants.begin(), settings.constants.end());
+    key.insert(key.end(), spirv.begin(), spirv.end());
+    Context::Pipeline& made = s.context->pipelines[std::move(key)];
+    if (made.pipeline == VK_NULL_HANDLE) {
+        // What a failed attempt has left is used again.
+        if (made.shader == VK_NULL_HANDLE) made.shader = make_shader(logical, spirv);
+        if (made.layout == VK_NULL_HANDLE)
+            made.layout = make_layout(logical, VK_SHADER_STAGE_COMPUTE_BIT, settings.push_bytes);
+        const Constants constants(settings.constants);
+        auto pipeline = structure<VkComputePipelineCreateInfo>(VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO);
+        pipeline.stage.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO;
+        pipeline.stage.stage = VK_SHADER_STAGE_COMPUTE_BIT;
+        pipeline.stage.module = made.shader;
+        pipeline.stage.pName = "main";
+        pipeline.stage.pSpecializationInfo = constants.info();
+        pipeline.layout = made.layout;
+        check(vkCreateComputePipelines(logical, VK_NULL_HANDLE, 1, &pipeline, nullptr, &made.pipeline),
+              "vkCreateComputePipelines");
+    }
+    s.layout = made.layout;
+    s.pipeline = made.pipeline;
 }
 
 RasterKernel::State::~State() {
