@@ -101,7 +101,7 @@ def errors(result) -> None:
         ax.set(xlabel="step, voxels", ylabel=label, title="surfaces in a clipped volume", xscale="log", ylim=(0, None))
         ax.set_xticks(sorted(clipped.step_voxels.unique()), [f"{v:g}" for v in sorted(clipped.step_voxels.unique())])
         ax.minorticks_off()
-        ax.legend(loc="center left" if key == "rmse" else "lower left", fontsize=6.5)
+        ax.legend(loc="lower left", fontsize=6.5)
     means = clipped[clipped.opacity == most].groupby("method")[["rmse", "banding"]].mean()
     wins = "; ".join(f"{LABELS[m]} {means.rmse[m]:.4f} and {means.banding[m]:.4f}" for m in ("modified", "original", "mdvr"))
     common.save(fig, result.folder, "errors", caption=(
