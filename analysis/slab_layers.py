@@ -119,26 +119,31 @@ def four_ratios(rows) -> str:
 
 def stages(result) -> None:
     table = result.tables["stages"]
-    side = table.side_px.max()
-    table = table[(table.side_px == side) & (table.intermix == "image") & table.skip.astype(bool)].copy()
-    table["seconds"] = table.device_s.fillna(table.wall_s)
+    table = table[(table.intermix == "image") & table.skip.astype(bool)].copy()
     backends = list(dict.fromkeys(table.backend))
-    fig, axes = common.subplots(1, len(backends))
-    scene = table.scene.iloc[0]
-    for ax, backend in zip(axes if len(backends) > 1 else [axes], backends):
-        rows = table[(table.backend == backend) & (table.scene == scene)]
-        pivot = rows.pivot_table(index="layers", columns="stage", values="seconds", aggfunc="sum")
-        bottom = 0
-        places = range(len(pivot))
-        for color, stage in zip(common.COLORS, pivot.columns):
-            ax.bar(places, pivot[stage], bottom=bottom, color=color, label=stage)
-            bottom = bottom + pivot[stage].fillna(0)
-        ax.set_xticks(list(places), [f"{n:g}" for n in pivot.index])
-        ax.set(xlabel="layers N", ylabel="seconds", title=f"{backend}, {title_of(scene)}, {side}²")
-        ax.legend()
+    scenes = list(dict.fromkeys(table.scene))
+    fig, axes = plt.subplots(len(backends), len(scenes), squeeze=False,
+                             figsize=(max(1.1, 0.55 * len(scenes)) * common.COLUMN_IN, 0.6 * len(backends) * common.COLUMN_IN))
+    for row, backend in zip(axes, backends):
+        rows = table[table.backend == backend]
+        rows = rows[rows.side_px == rows.side_px.max()]
+        clock = "wall_s" if rows.device_s.isna().all() else "device_s"
+        rows = rows[rows[clock].notna()]
+        colors = dict(zip(dict.fromkeys(rows.stage), common.COLORS))
+        for ax, scene in zip(row, scenes):
+            pivot = rows[rows.scene == scene].pivot_table(index="layers", columns="stage", values=clock, aggfunc="sum")
+            bottom = 0
+            for stage, color in colors.items():
+                ax.bar(range(len(pivot)), pivot[stage], bottom=bottom, color=color, label=stage)
+                bottom = bottom + pivot[stage].fillna(0)
+            ax.set_xticks(range(len(pivot)), [f"{n:g}" for n in pivot.index])
+            ax.set(xlabel="layers N", title=f"{title_of(scene)}, {backend}, {rows.side_px.max()}²")
+        row[0].set_ylabel("seconds")
+        row[0].legend(fontsize=7)
     common.save(fig, result.folder, "stages", caption=(
-        "Where the time of image-level intermixing goes over the number of layers: wall time on the CPU, timestamps of the device on Vulkan. "
-        "The dissertation finds the reading of z-thickness buffers dearer than the kernel."))
+        "Where the time of image-level intermixing goes over the number of layers: wall time on the CPU (\"volumes\" casts and collects, "
+        "\"intermix\" merges, compresses and stores arrays), timestamps of the device on Vulkan. The dissertation finds the reading of "
+        "z-thickness buffers dearer than the kernel."))
 
 
 def pictures(result) -> None:

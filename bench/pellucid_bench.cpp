@@ -478,7 +478,8 @@ void cast_slabs(benchmark::State& state) {
         parallel_for(kPackets, 1, [&](std::size_t begin, std::size_t end) {
             FastVolumeCaster::PacketSlabs slabs;
             FastVolumeCaster::CollectedPacket collected;
-            SlabCollector collector({.layers = 8, .opaque_at = 1});
+            const SlabSettings rule{.layers = 8, .opaque_at = 1};
+            SlabCollector collector(rule, SlabCollector::negligible_cost(rule, 1));
             std::size_t kept = 0;
             for (std::size_t row = begin; row < end; ++row)
                 for (std::size_t column = 0; column < kPackets; ++column) {

@@ -183,6 +183,33 @@ TEST(SlabCollector, IsNearlyAsGoodAsSeeingTheWholeRay) {
         }
 }
 
+TEST(SlabCollector, WhatIsNegligibleJoinsAtOnceAndNothingElseDoes) {
+    const SlabSettings settings = collecting(7, SlabCompression::transmittance);
+    const float negligible = SlabCollector::negligible_cost(settings, 1);
+    EXPECT_FLOAT_EQ(negligible, 4.0F / 343);
+    EXPECT_FLOAT_EQ(SlabCollector::negligible_cost(collecting(1, SlabCompression::transmittance), 2), 2.0F / 64);
+    EXPECT_EQ(SlabCollector::negligible_cost(collecting(7, SlabCompression::slope), 1), 0);
+    const auto kept = [&](std::span<const Slab> slabs) {
+        SlabCollector collector(settings, negligible);
+        collector.start();
+        for (const Slab& slab : slabs) (void)collector.push(slab);
+        return collector.finish().size();
+    };
+    // A triangle of ½·|difference of what two steps take|.
+    const auto pair = [](float second) { return std::array<Slab, 2>{{{1, 1, 0, 0, 0, 0.1F}, {2, 1, 0, 0, 0, second}}}; };
+    EXPECT_EQ(kept(pair((0.1F + 1.9F * negligible) / 0.9F)), 1U);
+    EXPECT_EQ(kept(pair((0.1F + 2.1F * negligible) / 0.9F)), 2U);
+    // Along a whole ray it is no worse than what is least worth a slab.
+    for (const float scale : {0.01F, 0.05F, 0.3F}) {
+        const std::vector<Slab> ray = long_ray(scale);
+        SlabCollector collector(settings, SlabCollector::negligible_cost(settings, 1.0 / 64));
+        collector.start();
+        for (const Slab& slab : ray) (void)collector.push(slab);
+        const auto whole = compress_slabs(ray, 7, SlabCompression::transmittance);
+        EXPECT_LE(area_between(ray, collector.finish(), 2, 6), 2 * area_between(ray, whole, 2, 6)) << scale;
+    }
+}
+
 TEST(SlabCollector, EndsTheRayAtItsOpacity) {
     SlabCollector collector(collecting(7, SlabCompression::transmittance, 0.9F));
     collector.start();

@@ -962,7 +962,7 @@ void FastVolumeCaster::cast_collected(int x0, int y0, SlabCollector& collector, 
     static thread_local Packet packet;
     static thread_local PacketNodes nodes;
     make_packet(camera, parts_->step, {parts_->fast.get()}, pixels.at, pixels.count, packet);
-    nodes.start(static_cast<std::uint32_t>(collector.room()));
+    nodes.start(static_cast<std::uint32_t>(collector.room()), collector.negligible());
     const float least_clear = std::max(1 - opaque_at, SlabCollector::kNothing);
     HWY_DYNAMIC_DISPATCH(collect_slabs)(*parts_->fast, packet, {SlabMixing::average, true, least_clear}, nodes);
     for (auto& ray : out) {

@@ -31,9 +31,9 @@ struct PacketNodes {
     std::array<std::int32_t, kPacketRays> count;             // closed nodes; -1: no slab came
     PacketRow nearest;                                       // front of the first slab
 
-    void start(std::uint32_t nodes_a_ray) {
+    void start(std::uint32_t nodes_a_ray, float negligible) {
         room = nodes_a_ray;
-        tolerance.fill(0);
+        tolerance.fill(negligible);
         count.fill(-1);
     }
 };

@@ -7,8 +7,10 @@
 #include <atomic>
 #include <cassert>
 #include <limits>
+#include <optional>
 
 #include "core/parallel.hpp"
+#include "core/stopwatch.hpp"
 #include "cpu/fast_volume_caster.hpp"
 #include "stage/slab_compression.hpp"
 #include "stage/slab_merge.hpp"
@@ -84,21 +86,41 @@ void SlabFrame::intermix_overlapping(std::size_t pixel, std::span<const Slab> sl
     intermix_compressed(pixel, array, nearest);
 }
 
+namespace {
+
+/// What all threads spend in the kernel.
+class KernelTime {
+public:
+    void add(double seconds) { nanoseconds_.fetch_add(static_cast<std::int64_t>(1e9 * seconds), std::memory_order_relaxed); }
+    [[nodiscard]] double wall_s() const { return 1e-9 * static_cast<double>(nanoseconds_) / thread_count(); }
+
+private:
+    std::atomic<std::int64_t> nanoseconds_{0};
+};
+
+}  // namespace
+
 // ---- Polygon stage ------------------------------------------------------------------------------------------
 
 void peel_into(SlabFrame& frame, const PreparedScene& scene, const SceneMeshes& meshes, std::uint32_t object,
                int surfaces, SlabStageStats& stats) {
+    constexpr int kTimed = 16;  // every such column stands for its neighbours: a clock costs as much as a short array
     const auto width = static_cast<std::size_t>(scene.camera.width());
+    KernelTime kernel;
     const PeelStats peeled =
         peel(scene, meshes, std::span(&object, 1), {.layers = surfaces},
              [&](int x, int y, std::span<const SurfaceFragment> fragments) {
                  thread_local std::vector<Slab> slabs;
                  slabs.clear();
                  for (const SurfaceFragment& f : fragments) slabs.push_back(f.slab);
-                 frame.intermix_overlapping(static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x), slabs,
-                                            slabs.front().z);
+                 const std::size_t pixel = static_cast<std::size_t>(y) * width + static_cast<std::size_t>(x);
+                 std::optional<Stopwatch> watch;
+                 if (x % kTimed == 0) watch.emplace();
+                 frame.intermix_overlapping(pixel, slabs, slabs.front().z);
+                 if (watch) kernel.add(kTimed * watch->lap());
              });
     stats.fragments += peeled.fragments;
+    stats.kernel_s += kernel.wall_s();
     stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(peeled.bytes));
 }
 
@@ -110,6 +132,7 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const Object& objec
     const double thickness = fixed_thickness(scene, object).value_or(caster.pitch());
     const auto width = static_cast<std::size_t>(scene.camera.width());
     std::atomic<std::uint64_t> slabs{0};
+    KernelTime kernel;
     parallel_for(static_cast<std::size_t>(scene.camera.height()), 1, [&](std::size_t begin, std::size_t end) {
         SlabList found;
         for (std::size_t y = begin; y < end; ++y)
@@ -118,11 +141,14 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const Object& objec
                 found.clear = 1;
                 caster.cast(scene.camera.ray(static_cast<double>(x) + 0.5, static_cast<double>(y) + 0.5), thickness, found);
                 if (found.slabs.empty()) continue;
+                Stopwatch watch;
                 frame.intermix_compressed(y * width + x, found.slabs, found.slabs.front().z);
+                kernel.add(watch.lap());
                 slabs.fetch_add(found.slabs.size(), std::memory_order_relaxed);
             }
     });
     stats.slabs += slabs;
+    stats.kernel_s += kernel.wall_s();
     stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(caster.bytes()));
 }
 
@@ -132,16 +158,18 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const VolumeObject&
     const int width = scene.camera.width();
     const int height = scene.camera.height();
     std::atomic<std::uint64_t> slabs{0};
+    KernelTime kernel;
     parallel_for(static_cast<std::size_t>((height + kPacketSide - 1) / kPacketSide), 1, [&](std::size_t begin, std::size_t end) {
         FastVolumeCaster::PacketSlabs all;
         FastVolumeCaster::CollectedPacket collected;
         SlabSettings rule = frame.settings();
         rule.opaque_at = opaque_at;
-        SlabCollector collector(rule);
+        SlabCollector collector(rule, SlabCollector::negligible_cost(rule, settings.step));
         for (int y0 = static_cast<int>(begin) * kPacketSide; y0 < static_cast<int>(end) * kPacketSide; y0 += kPacketSide)
             for (int x0 = 0; x0 < width; x0 += kPacketSide) {
                 if (on_the_fly) caster.cast(x0, y0, opaque_at, all);
                 else caster.cast_collected(x0, y0, collector, collected);
+                Stopwatch watch;
                 for (std::size_t i = 0; i < kPacketRays; ++i) {
                     const std::span<const Slab> array = on_the_fly ? all[i] : collected[i].slabs;
                     if (array.empty()) continue;
@@ -151,9 +179,11 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const VolumeObject&
                     frame.intermix(y * static_cast<std::size_t>(width) + x, array, nearest);
                     slabs.fetch_add(on_the_fly ? array.size() : collected[i].seen, std::memory_order_relaxed);
                 }
+                kernel.add(watch.lap());
             }
     });
     stats.slabs += slabs;
+    stats.kernel_s += kernel.wall_s();
     stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(caster.bytes()));
 }
 

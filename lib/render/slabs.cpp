@@ -85,6 +85,12 @@ struct Parts {
     std::size_t done = 0;
     const auto step_done = [&] { input.progress(static_cast<double>(++done) / static_cast<double>(parts.count() + 1)); };
 
+    double kernel_s = 0;  // which the stages took, and belongs to the last
+    const auto lap_without_kernel = [&](const SlabStageStats& stage) {
+        kernel_s += stage.kernel_s;
+        return std::max(0.0, watch.lap() - stage.kernel_s);
+    };
+
     std::optional<SceneMeshes> meshes;
     if (!parts.polygons.empty()) {
         meshes.emplace(scene, settings.triangles, is_polygons);
@@ -95,7 +101,7 @@ struct Parts {
             pipeline->add_polygons(*meshes, object, settings.surfaces, peeled);
             step_done();
         }
-        stats.stages.push_back({"polygons", watch.lap(), peeled.bytes, fmt::format("{} fragments", peeled.fragments)});
+        stats.stages.push_back({"polygons", lap_without_kernel(peeled), peeled.bytes, fmt::format("{} fragments", peeled.fragments)});
         stats.hits += peeled.fragments;
     }
     if (!parts.isosurfaces.empty()) {
@@ -106,7 +112,7 @@ struct Parts {
             pipeline->add_isosurface(object, {.step = settings.step * pitch, .skip = settings.skip}, cast);
             step_done();
         }
-        stats.stages.push_back({"isosurfaces", watch.lap(), cast.bytes, fmt::format("{} crossings", cast.slabs)});
+        stats.stages.push_back({"isosurfaces", lap_without_kernel(cast), cast.bytes, fmt::format("{} crossings", cast.slabs)});
         stats.hits += cast.slabs;
     }
     if (!parts.volumes.empty()) {
@@ -117,10 +123,10 @@ struct Parts {
             pipeline->add_volume(volume, {.step = settings.step * voxel_pitch(volume.to_world()), .skip = settings.skip}, on_the_fly, cast);
             step_done();
         }
-        stats.stages.push_back({"volumes", watch.lap(), cast.bytes, fmt::format("{} slabs", cast.slabs)});
+        stats.stages.push_back({"volumes", lap_without_kernel(cast), cast.bytes, fmt::format("{} slabs", cast.slabs)});
     }
     Image image = pipeline->image();
-    stats.stages.push_back({"intermix", watch.lap(), static_cast<std::int64_t>(pipeline->bytes()),
+    stats.stages.push_back({"intermix", kernel_s + watch.lap(), static_cast<std::int64_t>(pipeline->bytes()),
                             fmt::format("{} z-thickness buffers", pipeline->buffers())});
     for (const StageTime& time : pipeline->device_times()) stats.stages.push_back({time.name, 0, 0, "", time.device_s});
     step_done();

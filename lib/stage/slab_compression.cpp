@@ -124,15 +124,22 @@ std::vector<Slab> compress_slabs(std::span<const Slab> slabs, std::size_t most, 
     return compress_by_cost(slabs, most);
 }
 
-SlabCollector::SlabCollector(const SlabSettings& settings)
+SlabCollector::SlabCollector(const SlabSettings& settings, float negligible)
     : settings_(settings),
       compression_(settings.compression),
       most_(static_cast<std::size_t>(std::max(settings.layers, 2) - 1)),
-      least_(std::max(1.0F - settings.opaque_at, kNothing)) {
+      least_(std::max(1.0F - settings.opaque_at, kNothing)),
+      negligible_(negligible) {
     const bool looks_ahead = compression_ == SlabCompression::transmittance;
     nodes_.resize(looks_ahead ? std::max<std::size_t>(2 * most_, 8) : most_);
     costs_.resize(nodes_.size());
     slabs_.resize(nodes_.size());
+}
+
+float SlabCollector::negligible_cost(const SlabSettings& settings, double step) {
+    if (settings.compression != SlabCompression::transmittance) return 0;
+    const double slabs = std::max(settings.layers, 2) - 1;
+    return static_cast<float>(step * std::min(1.0 / 64, 4 / (slabs * slabs * slabs)));
 }
 
 float SlabCollector::cost_with_gap(const Fall& a, float gap, const Fall& b) {

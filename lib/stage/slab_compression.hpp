@@ -37,6 +37,7 @@ namespace pellucid {
 /// is allocated. `tail` and `slope` are as above. `transmittance` looks at up to 2(N − 1) slabs at one time: one that can
 /// join the last at no more than what merging has cost so far does so at once; where room is needed, pairs of
 /// neighbours that cost little merge in one sweep; what is left at the end goes by least cost.
+/// `negligible` is what merging may cost from the start; 0: slabs that fit all stay.
 class SlabCollector {
 public:
     /// A transmittance that no colour survives; products with it are normal numbers.
@@ -49,14 +50,18 @@ public:
         float error;   // what merging within it has cost
     };
 
-    explicit SlabCollector(const SlabSettings& settings);
+    explicit SlabCollector(const SlabSettings& settings, float negligible = 0);
+
+    /// Of rays with steps of this length: a curve that bends evenly along a whole ray costs n³ times less in each of n
+    /// slabs, and no more is let go. At most a 64th of a step: within two steps transmittance is off by 1/64.
+    [[nodiscard]] static float negligible_cost(const SlabSettings& settings, double step);
 
     /// Begins a ray.
     void start() {
         count_ = 0;
         open_.slabs = 0;
         before_ = 1.0F;
-        tolerance_ = 0.0F;
+        tolerance_ = negligible_;
     }
 
     /// False once the accumulated opacity is settings.opaque_at or more: no more slabs matter, and behind a
@@ -74,6 +79,7 @@ public:
     [[nodiscard]] std::span<const twin::Slab> finish();
 
     [[nodiscard]] const SlabSettings& settings() const { return settings_; }
+    [[nodiscard]] float negligible() const { return negligible_; }
     /// How many slabs are looked at.
     [[nodiscard]] std::size_t room() const { return nodes_.size(); }
     /// finish() of a ray that was collected elsewhere by the same rule, such as in lanes: at most room() nodes.
@@ -148,6 +154,7 @@ private:
     SlabCompression compression_;
     std::size_t most_;
     float least_;
+    float negligible_;
     float before_ = 1.0F;     // transmittance so far
     float tolerance_ = 0.0F;  // ε
     Open open_{};

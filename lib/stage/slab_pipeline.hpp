@@ -21,6 +21,7 @@ struct SlabStageStats {
     std::uint64_t fragments = 0;  // of polygons
     std::uint64_t slabs = 0;      // of rays through volumes and isosurfaces, before any compression
     std::int64_t bytes = 0;       // that the stage held, meshes and buffers aside; on the device if there is one
+    double kernel_s = 0;          // of its wall time, for merging, compressing and storing arrays; the CPU's
 };
 
 /// Draws the objects of one scene, one after the other. With SlabIntermix::order_free each of them goes into a

@@ -36,10 +36,11 @@ struct FrameSetup {
     std::uint32_t stride;
     std::uint32_t layers, format, interpolation, mixing, compression;
     float opaque_at;
+    float negligible;
     std::uint32_t given_room;
     std::uint32_t seen;
 };
-static_assert(sizeof(FrameSetup) == 8 * 8 + 9 * 4 + 4 && offsetof(FrameSetup, stride) == 64);
+static_assert(sizeof(FrameSetup) == 8 * 8 + 10 * 4 && offsetof(FrameSetup, stride) == 64);
 constexpr std::uint64_t kNodeBytes = sizeof(twin::Slab) + 2 * sizeof(float);
 constexpr std::uint64_t kArrivalBytes = 3 * sizeof(std::uint32_t);
 
@@ -154,7 +155,7 @@ public:
     void add_volume(const VolumeObject& volume, const CastSettings& settings, bool on_the_fly, SlabStageStats& stats) override {
         VolumeCaster caster(device_, scene_, volume, settings, on_the_fly ? SinkKind::merge : SinkKind::collect);
         DeviceFrame& frame = next_frame();
-        use(frame, std::max(1U, caster.band_rays()), most_slabs());
+        use(frame, std::max(1U, caster.band_rays()), most_slabs(), SlabCollector::negligible_cost(settings_, settings.step));
         Commands commands(device_);
         const float least = 1 - settings_.opaque_at;
         if (on_the_fly) caster.record(commands, frame.setup.address(), least);
@@ -212,7 +213,8 @@ private:
     }
 
     /// Rooms for so many invocations at a time, of which each may be given so many slabs; the frame's setup says where.
-    void use(DeviceFrame& frame, std::uint32_t stride, std::uint32_t given_room) {
+    /// negligible: as SlabCollector's, of what is cast next.
+    void use(DeviceFrame& frame, std::uint32_t stride, std::uint32_t given_room, float negligible = 0) {
         const auto grow = [&](Buffer& buffer, std::uint64_t bytes) {
             if (buffer.bytes() >= bytes) return;
             buffer = {};
@@ -239,6 +241,7 @@ private:
                                .mixing = static_cast<std::uint32_t>(settings_.mixing),
                                .compression = static_cast<std::uint32_t>(settings_.compression),
                                .opaque_at = settings_.opaque_at,
+                               .negligible = negligible,
                                .given_room = given_room,
                                .seen = 0};
         upload(device_, frame.setup, std::as_bytes(std::span(&setup, 1)));

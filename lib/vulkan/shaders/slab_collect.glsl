@@ -8,7 +8,7 @@ void start_collecting(Frame f, uint pixel, uint number) {
     own = number;
     sink_pixel = pixel;
     seen_slabs = 0u;
-    collector_start();
+    collector_start(frame.negligible);
 }
 bool collect_slab(Slab s) {
     if (seen_slabs == 0u) first_front = slab_front(s);

@@ -41,6 +41,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 8) buffer Frame {
     uint stride;                                 // invocations
     uint layers, format, interpolation, mixing, compression;
     float opaque_at;
+    float negligible;                            // what merging may cost along a ray from the start
     uint given_room;                             // slabs of `given`
     uint seen;                                   // slabs that came, all pixels
 };
@@ -307,11 +308,11 @@ bool collector_joins(Slab s, float drop) {
     return joins;
 }
 
-void collector_start() {
+void collector_start(float negligible) {
     collector.count = 0u;
     collector.slabs = 0u;
     collector.passing = 1.0;
-    collector.tolerance = 0.0;
+    collector.tolerance = negligible;
 }
 bool collector_push(Slab s) {
     float before = collector.passing;
@@ -380,7 +381,7 @@ void emit_merged(Slab s) {
     if (merging.ended) return;
     if (!merging.collects && merging.count == most_slabs()) {
         merging.collects = true;
-        collector_start();
+        collector_start(0.0);
         for (uint i = 0u; i < merging.count; ++i)
             if (!collector_push(merged_at(i))) break;
     }
@@ -489,7 +490,7 @@ void intermix_given(uint pixel, uint count, float nearest) {
         intermix_array(pixel, kFromGiven, count, nearest);
         return;
     }
-    collector_start();
+    collector_start(0.0);
     for (uint i = 0u; i < count; ++i)
         if (!collector_push(given_at(i))) break;
     collector_finish();
