@@ -76,8 +76,21 @@ TEST_F(SlabsMergeCommand, MergesTwoArrays) {
 TEST_F(SlabsMergeCommand, LayersAndComposite) {
     EXPECT_EQ(run("red.csv green.csv --composite").out, "z,d,r,g,b,a\n3,3,0.46875,0.28125,0,0.75\n");
     for (const char* compression : {"tail", "slope", "transmittance"})
-        EXPECT_EQ(run(fmt::format("red.csv green.csv --layers 2 --compression {}", compression)).out,
-                  run("red.csv green.csv --composite").out);
+        for (const char* how : {"", "--streaming"})
+            EXPECT_EQ(run(fmt::format("red.csv green.csv --layers 2 --compression {} {}", compression, how)).out,
+                      run("red.csv green.csv --composite").out);
+}
+
+TEST_F(SlabsMergeCommand, StreamingSeesNoSlabBeforeItComes) {
+    std::string ray;
+    for (int i = 1; i <= 40; ++i) ray += fmt::format("{},1,0,0,0,{}\n", i, i % 7 == 0 ? 0.5 : 0.01 * (i % 5));
+    put("ray.csv", ray);
+    const auto rows = [](const std::string& text) { return std::count(text.begin(), text.end(), '\n') - 1; };
+    const std::string whole = run("ray.csv --layers 6").out, streamed = run("ray.csv --layers 6 --streaming").out;
+    EXPECT_EQ(rows(whole), 5);
+    EXPECT_EQ(rows(streamed), 5);
+    EXPECT_NE(whole, streamed);
+    EXPECT_EQ(run("ray.csv --layers 41 --streaming").out, run("ray.csv").out);
 }
 
 TEST_F(SlabsMergeCommand, EveryRuleIsReached) {

@@ -39,8 +39,6 @@ TEST(ZThicknessBuffer, PlansWhatItHolds) {
             const std::size_t expected = pixels * static_cast<std::size_t>(layers) * slab + (pixels + 31) / 32 * 4;
             EXPECT_EQ(ZThicknessBuffer::planned_bytes(size), expected);
             EXPECT_EQ(ZThicknessBuffer(size).bytes(), expected);
-            EXPECT_EQ(ZThicknessPair::planned_bytes(size), 2 * expected);
-            EXPECT_EQ(ZThicknessPair(size).bytes(), 2 * expected);
         }
 }
 
@@ -158,18 +156,6 @@ TEST(ZThicknessBuffer, ThreadsWritePixelsOfOneWord) {
         ASSERT_EQ(buffer.touched(pixel), pixel % 3 != 0);
         ASSERT_EQ(buffer.image(pixel).z, pixel % 3 != 0 ? static_cast<float>(pixel) + 1 : 0);
     }
-}
-
-TEST(ZThicknessPair, WhatWasWrittenIsReadNext) {
-    ZThicknessPair pair({.width = 1, .height = 1});
-    const Slab slab{1, 1, 0, 0, 0, 0.5F};
-    pair.output().write(0, std::span(&slab, 1));
-    EXPECT_FALSE(pair.input().touched(0));
-    pair.swap();
-    EXPECT_EQ(pair.input().image(0), slab);
-    EXPECT_FALSE(pair.output().touched(0));
-    pair.swap();
-    EXPECT_FALSE(pair.input().touched(0));
 }
 
 }  // namespace

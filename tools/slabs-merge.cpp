@@ -1,4 +1,5 @@
-// What becomes of zSlabs that meet: arrays of one pixel's ray, merged, as the method `slabs` does it.
+// What becomes of zSlabs that meet: arrays of one pixel's ray, merged by the kernel of the method `slabs`. Where they are
+// too many, the compression sees the whole array; --streaming: slab by slab, as the method has to.
 //   slabs-merge A.csv B.csv…  [--layers N] [--composite] [-o OUT.csv] …
 // Columns z,d,r,g,b,a: depth of the back, thickness, associated colour, opacity; a header may name them in another
 // order. A file's slabs may lie in any order and overlap: they are inserted one by one.
@@ -126,12 +127,23 @@ struct Options {
     std::optional<std::uint64_t> layers;
     double opaque_at = 2;  // nothing ends a ray
     bool composite = false;
+    bool streaming = false;
     std::string output;
     SlabSettings settings;
 };
 
 [[nodiscard]] SlabArray fitted(SlabArray slabs, const Options& options) {
-    if (!options.layers) return slabs;
+    if (!options.layers || slabs.size() < *options.layers) return slabs;
+    if (options.streaming) {
+        SlabSettings settings = options.settings;
+        settings.layers = static_cast<int>(*options.layers);
+        SlabCollector collector(settings);
+        collector.start();
+        for (const Slab& slab : slabs)
+            if (!collector.push(slab)) break;
+        const auto kept = collector.finish();
+        return {kept.begin(), kept.end()};
+    }
     return compress_slabs(slabs, *options.layers - 1, options.settings.compression);
 }
 
@@ -191,6 +203,7 @@ int main(int argc, char** argv) {
         add_choice(arguments, "--compression", {"tail", "slope", "transmittance"}, settings.compression,
                    "which slabs merge where they are too many (default transmittance)");
         arguments.option("--opaque-at", options.opaque_at, "leave out what lies behind this opacity (default: nothing)");
+        arguments.flag("--streaming", options.streaming, "compress slab by slab, as the method `slabs`");
         arguments.flag("--composite", options.composite, "print all slabs composited to one");
         arguments.option("-o,--output", options.output, "CSV file (default: standard output)");
         if (!arguments.parse(argc, argv)) return 0;

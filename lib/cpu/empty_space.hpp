@@ -22,6 +22,13 @@ public:
     static constexpr int kBlock = VolumeObject::kBlock;
     enum class Kind : std::uint8_t { visit, clear, not_a_number };
 
+    /// Blocks of so many cells.
+    [[nodiscard]] static std::int64_t count_of(const std::array<int, 3>& cells) {
+        std::int64_t product = 1;
+        for (const int n : cells) product *= (n + kBlock - 1) / kBlock;
+        return product;
+    }
+
     /// Everything is visited.
     EmptySpace() = default;
     /// kind(first, end): of the cells from `first` up to, not including, `end`; called from several threads.

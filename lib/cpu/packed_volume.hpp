@@ -32,8 +32,11 @@ struct PackedVolume {
     /// then `data` and `step` say nothing of integers.
     PackedVolume(const VolumeObject& volume, bool skip, bool with_bricks = true);
 
-    /// Of what stands beside the object's own samples, distances aside.
-    static constexpr std::int64_t most_bytes_a_block = 1472;
+    /// What bytes() will be at most: samples stay where they are, or are integers and stand in bricks.
+    [[nodiscard]] static std::int64_t planned_bytes(const VolumeObject& volume, bool skip) {
+        constexpr std::int64_t kMostBytesABlock = 1472;
+        return EmptySpace::count_of(volume.cells()) * (kMostBytesABlock + (skip ? 1 : 0));
+    }
     [[nodiscard]] std::size_t bytes() const { return bricks.size() + space.bytes(); }
 
     const VolumeObject* object;

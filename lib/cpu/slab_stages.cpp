@@ -267,9 +267,7 @@ public:
         return order_free_image(all, settings_);
     }
     [[nodiscard]] std::size_t bytes() const override {
-        std::size_t sum = 0;
-        for (const auto& each : frames_) sum += each->bytes();
-        return sum;
+        return static_cast<std::size_t>(planned_slab_bytes(size_, settings_, frames_.size()));
     }
     [[nodiscard]] std::size_t buffers() const override { return frames_.size(); }
 
@@ -287,6 +285,13 @@ private:
 };
 
 }  // namespace
+
+std::int64_t planned_slab_bytes(const ZThicknessSize& size, const SlabSettings& settings, std::size_t objects) {
+    if (settings.intermix != SlabIntermix::order_free) return static_cast<std::int64_t>(planned_slab_bytes(size));
+    const std::size_t slabs = objects * static_cast<std::size_t>(size.layers - 1);
+    const std::size_t merge = slabs * sizeof(Slab) + order_free_plan(slabs).bytes;
+    return static_cast<std::int64_t>(objects * planned_slab_bytes(size) + static_cast<std::size_t>(thread_count()) * merge);
+}
 
 std::unique_ptr<SlabPipeline> make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
                                                  const SlabSettings& settings) {

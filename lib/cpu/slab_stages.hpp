@@ -54,6 +54,9 @@ private:
 [[nodiscard]] std::unique_ptr<SlabPipeline> make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
                                                                const SlabSettings& settings);
 
+/// Bytes that it will hold for so many objects: z-thickness buffers, and what threads need for the order-free merge.
+[[nodiscard]] std::int64_t planned_slab_bytes(const ZThicknessSize& size, const SlabSettings& settings, std::size_t objects);
+
 /// Polygon stage: one object, peeled. `surfaces`: L, most surfaces a pixel, the nearest; 0: all.
 void peel_into(SlabFrame& frame, const PreparedScene& scene, const SceneMeshes& meshes, std::uint32_t object,
                int surfaces, SlabStageStats& stats);

@@ -256,6 +256,11 @@ void IsosurfaceCaster::crossings(const Ray& ray, std::vector<Crossing>& out) con
     }
 }
 
+std::int64_t IsosurfaceCaster::planned_bytes(const Object& object) {
+    const Vec3 last = object.geometry->field_surface()->bounds.hi;
+    return EmptySpace::count_of({static_cast<int>(last.x), static_cast<int>(last.y), static_cast<int>(last.z)});
+}
+
 twin::Slab IsosurfaceCaster::virtual_slab(const Crossing& crossing, double thickness, float front) {
     const auto z = static_cast<float>(crossing.t);
     const float begin = std::max(std::min(front, z), static_cast<float>(crossing.t - thickness));

@@ -139,6 +139,8 @@ public:
     [[nodiscard]] double pitch() const;
     [[nodiscard]] const EmptySpace& empty_space() const { return space_; }
     [[nodiscard]] std::size_t bytes() const { return space_.bytes(); }
+    /// The same beforehand, where empty space is skipped.
+    [[nodiscard]] static std::int64_t planned_bytes(const Object& object);
 
 private:
     const PreparedScene* scene_;

@@ -6,6 +6,7 @@
 #include "cpu/depth_peeling.hpp"
 #include "cpu/fast_particles.hpp"
 #include "cpu/fast_volume_caster.hpp"
+#include "cpu/packed_volume.hpp"
 #include "cpu/slab_stages.hpp"
 #include "cpu/surface_drawer.hpp"
 #include "vulkan/device.hpp"
@@ -56,6 +57,16 @@ std::unique_ptr<SlabPipeline> Backend::make_slab_pipeline(const PreparedScene& s
                                                           const SlabSettings& settings) const {
     return on_device() ? vulkan::make_slab_pipeline(*device_, scene, size, settings)
                        : pellucid::make_slab_pipeline(scene, size, settings);
+}
+
+std::int64_t Backend::planned_slab_bytes(const PreparedScene& scene, const ZThicknessSize& size, const SlabSettings& settings,
+                                         std::size_t objects) const {
+    return on_device() ? vulkan::planned_slab_bytes(*device_, scene, size, settings, objects)
+                       : pellucid::planned_slab_bytes(size, settings, objects);
+}
+
+std::int64_t Backend::planned_cast_bytes(const PreparedScene& scene, const VolumeObject& volume, bool skip) const {
+    return on_device() ? vulkan::planned_cast_bytes(*device_, scene, volume) : PackedVolume::planned_bytes(volume, skip);
 }
 
 std::unique_ptr<SurfaceDrawer> Backend::make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const {

@@ -55,6 +55,10 @@ public:
     /// zSlabs. The scene must outlive it.
     [[nodiscard]] std::unique_ptr<SlabPipeline> make_slab_pipeline(const PreparedScene& scene, const ZThicknessSize& size,
                                                                    const SlabSettings& settings) const;
+    /// Bytes that it will hold: in arrays of so many objects, and for a volume that is cast.
+    [[nodiscard]] std::int64_t planned_slab_bytes(const PreparedScene& scene, const ZThicknessSize& size, const SlabSettings& settings,
+                                                  std::size_t objects) const;
+    [[nodiscard]] std::int64_t planned_cast_bytes(const PreparedScene& scene, const VolumeObject& volume, bool skip) const;
     /// Scene and meshes must outlive it.
     [[nodiscard]] std::unique_ptr<SurfaceDrawer> make_surface_drawer(const PreparedScene& scene, const SceneMeshes& meshes) const;
     /// Bytes that it will hold beside the meshes: on the device if there is one.

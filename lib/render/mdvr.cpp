@@ -5,7 +5,9 @@
 #include "cpu/depth_peeling.hpp"
 #include "cpu/multi_volume_caster.hpp"
 #include "cpu/packed_volume.hpp"
+#include "core/stopwatch.hpp"
 #include "render/methods.hpp"
+#include "render/shared_settings.hpp"
 
 namespace pellucid {
 namespace {
@@ -13,20 +15,11 @@ namespace {
 [[nodiscard]] MultiVolumeSettings read_settings(const RenderInput& input) {
     MultiVolumeSettings s;
     s.step = input.settings.number("step", s.step, {.lo = 1e-3, .hi = 1e3});
-    s.mixing = input.settings.choice<SlabMixing>("mixing", s.mixing,
-                                                 {{"average", SlabMixing::average},
-                                                  {"normalised", SlabMixing::normalised},
-                                                  {"extinction", SlabMixing::extinction}});
+    s.mixing = read_mixing(input.settings, s.mixing);
     s.skip = input.settings.boolean("skip", s.skip);
     s.rays = static_cast<int>(input.settings.integer("rays", s.rays, {.lo = 1, .hi = 64}));
     s.opaque_at = static_cast<float>(input.settings.number("opaque_at", static_cast<double>(s.opaque_at),
                                                            {.lo = 0, .hi = 1, .lo_open = true}));
-    return s;
-}
-
-[[nodiscard]] TessellationSettings read_tessellation(const RenderInput& input) {
-    TessellationSettings s;
-    if (input.tessellate) s.error_px = input.tessellate->number("error_px", s.error_px, above(0));
     return s;
 }
 
@@ -80,34 +73,22 @@ namespace {
 
 [[nodiscard]] std::vector<Stage> plan_mdvr(const RenderInput& input) {
     const MultiVolumeSettings settings = read_settings(input);
-    std::int64_t blocks = 0, bytes = 0;
-    const auto count = [&](const std::array<int, 3>& cells) {
-        std::int64_t product = 1;
-        for (const int n : cells) product *= (n + EmptySpace::kBlock - 1) / EmptySpace::kBlock;
-        blocks += product;
-        return product;
-    };
+    std::int64_t bytes = 0;
     for (const VolumeObject& volume : input.scene.volumes)
-        if (!volume.bounds().empty()) bytes += PackedVolume::most_bytes_a_block * count(volume.cells());
+        if (!volume.bounds().empty()) bytes += PackedVolume::planned_bytes(volume, settings.skip);
     bool polygons = false;
     for (const Object& object : input.scene.objects) {
-        if (IsosurfaceCaster::casts(object)) {
-            const Vec3 last = object.geometry->field_surface()->bounds.hi;
-            (void)count({static_cast<int>(last.x), static_cast<int>(last.y), static_cast<int>(last.z)});
-        } else {
-            polygons = true;
-        }
+        if (!IsosurfaceCaster::casts(object)) polygons = true;
+        else if (settings.skip) bytes += IsosurfaceCaster::planned_bytes(object);
     }
     std::vector<Stage> stages{{"read scene", 0, static_cast<std::int64_t>(input.scene.bytes()),
                                fmt::format("{} objects", input.scene.object_count())}};
     if (polygons) {
         const MeshPlan plan = plan_meshes(polygons_of(input.scene, settings.rays), read_tessellation(input));
-        stages.push_back({"triangles", 0, plan.bytes + planned_peel_bytes(plan.triangles, plan.triangles / 2),
-                          fmt::format("{:.0f} triangles of {} objects", plan.triangles, plan.objects)});
+        stages.push_back({"triangles", 0, plan.bytes, fmt::format("{:.0f} triangles of {} objects", plan.triangles, plan.objects)});
+        stages.push_back({"polygons", 0, planned_peel_bytes(plan.triangles, plan.triangles / 2), "all surfaces, in bands of rows"});
     }
-    if (blocks > 0)
-        stages.push_back({"pack volumes", 0, bytes + (settings.skip ? blocks : 0),
-                          fmt::format("at most, where samples are integers; {} blocks", blocks)});
+    if (bytes > 0) stages.push_back({"pack volumes", 0, bytes, "at most, where samples are integers"});
     stages.push_back({"cast", 0, 0,
                       fmt::format("{} rays a pixel, steps of {:.4g}", settings.rays * settings.rays,
                                   common_step(input.scene, settings.step))});
@@ -120,6 +101,8 @@ namespace {
     const MultiVolumeSettings settings = read_settings(input);
     const PreparedScene& scene = input.scene;
     MultiVolumeStats cast;
+    Stopwatch watch;
+    double triangles_s = 0;
     FindSurfaces find;
     std::optional<PreparedScene> fine;
     std::optional<SceneMeshes> meshes;
@@ -127,15 +110,19 @@ namespace {
         warn_of_rough_depths(scene);
         fine = polygons_of(scene, settings.rays);
         meshes.emplace(*fine, read_tessellation(input));
+        triangles_s = watch.lap();
         find = [&](int y0, int y1) {
-            return layers_of_rows(*fine, *meshes, settings.rays, y0, y1,
-                                  static_cast<double>(settings.opaque_at));
+            SurfaceLayers layers = layers_of_rows(*fine, *meshes, settings.rays, y0, y1, static_cast<double>(settings.opaque_at));
+            stats.hits += layers.slabs.size();
+            return layers;
         };
     }
     Image image = input.backend.cast_volumes(scene, settings, cast, input.progress, find);
-    if (meshes)
-        stats.stages.push_back({"triangles", cast.surfaces_s, static_cast<std::int64_t>(meshes->bytes()),
+    if (meshes) {
+        stats.stages.push_back({"triangles", triangles_s, static_cast<std::int64_t>(meshes->bytes()),
                                 fmt::format("{} triangles", meshes->triangle_count())});
+        stats.stages.push_back({"polygons", cast.surfaces_s, 0, fmt::format("{} fragments", stats.hits)});
+    }
     stats.stages.push_back({"pack volumes", cast.prepare_s, cast.bytes, ""});
     stats.stages.push_back({"cast", cast.cast_s, 0, ""});
     if (input.backend.on_device()) stats.stages.back().device_s = cast.cast_device_s;

@@ -8,6 +8,7 @@
 #include "cpu/depth_peeling.hpp"
 #include "cpu/volume_caster.hpp"
 #include "render/methods.hpp"
+#include "render/shared_settings.hpp"
 #include "stage/slab_pipeline.hpp"
 
 namespace pellucid {
@@ -34,10 +35,7 @@ struct Settings {
                                               {{"image", SlabIntermix::image},
                                                {"hybrid", SlabIntermix::hybrid},
                                                {"order-free", SlabIntermix::order_free}});
-    s.slabs.mixing = t.choice<SlabMixing>("mixing", s.slabs.mixing,
-                                          {{"average", SlabMixing::average},
-                                           {"normalised", SlabMixing::normalised},
-                                           {"extinction", SlabMixing::extinction}});
+    s.slabs.mixing = read_mixing(t, s.slabs.mixing);
     s.slabs.compression = t.choice<SlabCompression>("compression", s.slabs.compression,
                                                     {{"transmittance", SlabCompression::transmittance},
                                                      {"slope", SlabCompression::slope},
@@ -49,7 +47,8 @@ struct Settings {
     s.surfaces = static_cast<int>(t.integer("surfaces", s.surfaces, {.lo = 0, .hi = 1 << 20}));
     s.step = t.number("step", s.step, {.lo = 1e-3, .hi = 1e3});
     s.skip = t.boolean("skip", s.skip);
-    if (input.tessellate) s.triangles.error_px = input.tessellate->number("error_px", s.triangles.error_px, above(0));
+    s.slabs.targets = static_cast<int>(t.integer("targets", s.slabs.targets, {.lo = 1, .hi = 64}));
+    s.triangles = read_tessellation(input);
     return s;
 }
 
@@ -142,20 +141,25 @@ struct Parts {
     if (!parts.polygons.empty()) {
         const MeshPlan plan = plan_meshes(scene, settings.triangles, is_polygons);
         stages.push_back({"triangles", 0, plan.bytes, fmt::format("{:.0f} triangles", plan.triangles)});
-        stages.push_back({"polygons", 0, planned_peel_bytes(plan.triangles, plan.triangles / 2),
+        stages.push_back({"polygons", 0, input.backend.planned_surface_bytes(scene, plan.triangles, plan.triangles / 2),
                           settings.surfaces > 0 ? fmt::format("{} objects, {} surfaces each", parts.polygons.size(), settings.surfaces)
                                                 : fmt::format("{} objects, all surfaces", parts.polygons.size())});
     }
-    if (!parts.isosurfaces.empty())
-        stages.push_back({"isosurfaces", 0, 0, fmt::format("{} objects", parts.isosurfaces.size())});
+    if (!parts.isosurfaces.empty()) {
+        std::int64_t most = 0;
+        for (const std::uint32_t i : parts.isosurfaces)
+            if (settings.skip) most = std::max(most, IsosurfaceCaster::planned_bytes(scene.objects[i]));
+        stages.push_back({"isosurfaces", 0, most, fmt::format("{} objects, one at a time", parts.isosurfaces.size())});
+    }
     if (!parts.volumes.empty()) {
         std::int64_t most = 0;
-        for (const std::size_t i : parts.volumes) most = std::max(most, static_cast<std::int64_t>(scene.volumes[i].bytes()));
-        stages.push_back({"volumes", 0, most, fmt::format("{} volumes, one at a time in bricks", parts.volumes.size())});
+        for (const std::size_t i : parts.volumes)
+            most = std::max(most, input.backend.planned_cast_bytes(scene, scene.volumes[i], settings.skip));
+        stages.push_back({"volumes", 0, most, fmt::format("{} volumes, one at a time", parts.volumes.size())});
     }
-    const bool order_free = settings.slabs.intermix == SlabIntermix::order_free;
-    const std::size_t frames = order_free ? std::max<std::size_t>(1, parts.count()) : 1;
-    stages.push_back({"intermix", 0, static_cast<std::int64_t>(frames * planned_slab_bytes(frame_size(scene, settings))),
+    const std::size_t objects = std::max<std::size_t>(1, parts.count());
+    const std::size_t frames = settings.slabs.intermix == SlabIntermix::order_free ? objects : 1;
+    stages.push_back({"intermix", 0, input.backend.planned_slab_bytes(scene, frame_size(scene, settings), settings.slabs, objects),
                       fmt::format("{} z-thickness buffer{} of {} layers, {} bytes a slab", frames, frames == 1 ? "" : "s",
                                   settings.slabs.layers, bytes_of(settings.format))});
     stages.push_back({"image", 0, std::int64_t{4} * 5 * scene.camera.width() * scene.camera.height(), "5 planes"});
@@ -178,6 +182,7 @@ Method slabs_method() {
             {"slabs.compression", "\"transmittance\"", "of what does not fit: \"transmittance\", \"slope\" (2.6, 2.7), \"tail\""},
             {"slabs.format", "\"float\"", "of a slab: \"float\" (24 bytes), \"half\", \"byte\" (12 bytes)"},
             {"slabs.surfaces", "0", "L: most surfaces an object and pixel, the nearest (the dissertation: 4); 0: all"},
+            {"slabs.targets", "4", "M: surfaces of a pixel that a device finds in one pass, 1 to 64; no pixel changes"},
             {"slabs.step", "1", "length of a ray's step in voxels of its volume"},
             {"slabs.skip", "true", "whether empty blocks are skipped; no pixel changes"},
             {"slabs.opaque_at", "0.999", "opacity at which a pixel is finished"},

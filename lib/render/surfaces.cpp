@@ -5,6 +5,7 @@
 
 #include "core/stopwatch.hpp"
 #include "render/methods.hpp"
+#include "render/shared_settings.hpp"
 #include "stage/scene_meshes.hpp"
 #include "stage/surface_drawer.hpp"
 
@@ -47,12 +48,6 @@ enum class Sort { none, object, triangle };
 }
 
 // ---- The pipeline
-
-[[nodiscard]] TessellationSettings read_tessellation(const RenderInput& input) {
-    TessellationSettings s;
-    if (input.tessellate) s.error_px = input.tessellate->number("error_px", s.error_px, above(0));
-    return s;
-}
 
 [[nodiscard]] Image draw_surfaces(const RenderInput& input, RenderStats& stats, SurfaceDrawSettings settings,
                                   std::optional<Sort> sort = {}) {

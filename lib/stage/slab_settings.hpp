@@ -38,6 +38,8 @@ struct SlabSettings {
     SlabCompression compression = SlabCompression::transmittance;
     /// Accumulated opacity at which a ray ends (early ray termination); 1: only where nothing passes.
     float opaque_at = 0.999F;
+    /// M: surfaces of a pixel that a device finds in one pass over the triangles, 1 to 64. No result depends on it.
+    int targets = 4;
 };
 
 /// How a volume or an isosurface is cast.

@@ -76,26 +76,4 @@ private:
     std::vector<std::uint32_t> flags_;
 };
 
-/// Two buffers, of which each stage reads one and writes the other (section 5.2.1, ping-pong).
-class ZThicknessPair {
-public:
-    explicit ZThicknessPair(const ZThicknessSize& size) : first_(size), second_(size) {}
-    [[nodiscard]] static std::size_t planned_bytes(const ZThicknessSize& size) {
-        return 2 * ZThicknessBuffer::planned_bytes(size);
-    }
-    [[nodiscard]] std::size_t bytes() const { return first_.bytes() + second_.bytes(); }
-
-    [[nodiscard]] const ZThicknessBuffer& input() const { return swapped_ ? second_ : first_; }
-    [[nodiscard]] ZThicknessBuffer& output() { return swapped_ ? first_ : second_; }
-    /// What was written is read from now on; the other one is cleared.
-    void swap() {
-        swapped_ = !swapped_;
-        output().clear();
-    }
-
-private:
-    ZThicknessBuffer first_, second_;
-    bool swapped_ = false;
-};
-
 }  // namespace pellucid

@@ -48,8 +48,22 @@ constexpr std::uint64_t kArrivalBytes = 3 * sizeof(std::uint32_t);
 constexpr std::uint32_t kPixelsAtOnce = 1U << 16U;
 /// Virtual slabs of one object in one pixel: what comes behind joins the last of them.
 constexpr std::uint32_t kMostGiven = 64;
-/// M: a pass draws all triangles.
-constexpr int kTargets = 4;
+/// Of the rooms of all invocations together: fewer at a time where arrays are long.
+constexpr std::uint64_t kMostRoomBytes = std::uint64_t{1} << 30U;
+constexpr std::uint64_t kMostRoomBytesInSoftware = std::uint64_t{1} << 26U;
+
+/// Nodes that an invocation has room for: the collector's, or the order-free merge's of so many arrays.
+[[nodiscard]] std::uint64_t nodes_of_room(int layers, std::size_t frames) {
+    return std::max<std::uint64_t>({2 * (static_cast<std::uint64_t>(layers) - 1), 8, frames});
+}
+[[nodiscard]] std::uint64_t bytes_of_room(int layers, std::uint32_t given_room, std::size_t frames) {
+    return nodes_of_room(layers, frames) * (kNodeBytes + sizeof(float)) +
+           (static_cast<std::uint64_t>(layers) - 1 + given_room) * sizeof(twin::Slab) + kArrivalBytes;
+}
+[[nodiscard]] std::uint32_t invocations_of_rooms(const Device& device, int layers, std::uint32_t given_room, std::size_t frames) {
+    const std::uint64_t most = device.info().is_gpu ? kMostRoomBytes : kMostRoomBytesInSoftware;
+    return static_cast<std::uint32_t>(std::max<std::uint64_t>(1, most / bytes_of_room(layers, given_room, frames)));
+}
 
 /// A z-thickness buffer and what is nearest in each pixel.
 struct DeviceFrame {
@@ -101,7 +115,7 @@ public:
           fragments_(make_kernel(kFragmentsWords, sizeof(FragmentsPush))) {}
 
     void add_polygons(const SceneMeshes& meshes, std::uint32_t object, int surfaces, SlabStageStats& stats) override {
-        if (!peeler_) peeler_.emplace(device_, scene_, meshes, PeelerSettings{.targets = kTargets});
+        if (!peeler_) peeler_.emplace(device_, scene_, meshes, PeelerSettings{.targets = settings_.targets});
         DeviceFrame& frame = next_frame();
         struct Targets {
             Buffer slabs, counts;
@@ -115,7 +129,8 @@ public:
             commands.submit_and_wait();
         });
         stats.fragments += peeled.fragments;
-        stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(peeled.bytes));
+        // The peeler counts all that the device holds.
+        stats.bytes = std::max(stats.bytes, static_cast<std::int64_t>(peeled.bytes) - static_cast<std::int64_t>(bytes()));
         if (passes.empty()) return;
         std::vector<std::uint64_t> table;
         for (const Targets& pass : passes) {
@@ -123,8 +138,10 @@ public:
             table.push_back(pass.counts.address());
         }
         const Buffer addresses = filled(device_, table);
-        const std::uint32_t at_once = std::min(pixels_, kPixelsAtOnce);
-        use(frame, at_once, std::max(most_slabs(), std::min<std::uint32_t>(kMostGiven, static_cast<std::uint32_t>(passes.size()) * kTargets)));
+        const auto targets = static_cast<std::uint32_t>(settings_.targets);
+        const std::uint32_t given = std::max(most_slabs(), std::min(kMostGiven, static_cast<std::uint32_t>(passes.size()) * targets));
+        const std::uint32_t at_once = std::min({pixels_, kPixelsAtOnce, most_invocations(given)});
+        use(frame, at_once, given);
         Commands commands(device_);
         commands.begin_stage("kernel");
         for (std::uint32_t first = 0; first < pixels_; first += at_once) {
@@ -143,7 +160,9 @@ public:
         const double pitch = voxel_pitch(object.geometry->field_surface()->to_world);
         IsosurfaceCaster caster(device_, scene_, object, fixed_thickness(scene_, object).value_or(pitch), settings, SinkKind::give);
         DeviceFrame& frame = next_frame();
-        use(frame, std::max(1U, caster.band_rays()), std::max(most_slabs(), kMostGiven));
+        const std::uint32_t given = std::max(most_slabs(), kMostGiven);
+        caster.limit_band(most_invocations(given));
+        use(frame, std::max(1U, caster.band_rays()), given);
         Commands commands(device_);
         caster.record(commands, frame.setup.address(), hooks(commands, frame));
         run(commands);
@@ -155,6 +174,7 @@ public:
     void add_volume(const VolumeObject& volume, const CastSettings& settings, bool on_the_fly, SlabStageStats& stats) override {
         VolumeCaster caster(device_, scene_, volume, settings, on_the_fly ? SinkKind::merge : SinkKind::collect);
         DeviceFrame& frame = next_frame();
+        caster.limit_band(most_invocations(most_slabs()));
         use(frame, std::max(1U, caster.band_rays()), most_slabs(), SlabCollector::negligible_cost(settings_, settings.step));
         Commands commands(device_);
         const float least = 1 - settings_.opaque_at;
@@ -212,6 +232,10 @@ private:
         return *frames_.back();
     }
 
+    [[nodiscard]] std::uint32_t most_invocations(std::uint32_t given_room) const {
+        return invocations_of_rooms(device_, size_.layers, given_room, frames_.size());
+    }
+
     /// Rooms for so many invocations at a time, of which each may be given so many slabs; the frame's setup says where.
     /// negligible: as SlabCollector's, of what is cast next.
     void use(DeviceFrame& frame, std::uint32_t stride, std::uint32_t given_room, float negligible = 0) {
@@ -220,7 +244,7 @@ private:
             buffer = {};
             buffer = Buffer(device_, bytes);
         };
-        const std::uint64_t node_room = std::max<std::uint64_t>({2 * std::uint64_t{most_slabs()}, 8, frames_.size()});
+        const std::uint64_t node_room = nodes_of_room(size_.layers, frames_.size());
         grow(nodes_, stride * node_room * kNodeBytes);
         grow(costs_, stride * node_room * sizeof(float));
         grow(merged_, std::uint64_t{stride} * most_slabs() * sizeof(twin::Slab));
@@ -284,7 +308,7 @@ private:
         const auto count = static_cast<std::uint32_t>(frames_.size());
         // Next slabs, what has begun, and parts: of each array one without thickness besides.
         const std::uint32_t room = 6 * count + 2;
-        const std::uint32_t at_once = std::min(pixels_, kPixelsAtOnce);
+        const std::uint32_t at_once = std::min({pixels_, kPixelsAtOnce, most_invocations(std::max(room, most_slabs()))});
         std::vector<std::uint64_t> table;
         for (const auto& frame : frames_) {
             use(*frame, at_once, std::max(room, most_slabs()));
@@ -335,6 +359,23 @@ private:
 std::unique_ptr<SlabPipeline> make_slab_pipeline(const Device& device, const PreparedScene& scene, const ZThicknessSize& size,
                                                  const SlabSettings& settings) {
     return std::make_unique<DevicePipeline>(device, scene, size, settings);
+}
+
+std::int64_t planned_slab_bytes(const Device& device, const PreparedScene& scene, const ZThicknessSize& size, const SlabSettings& settings,
+                                std::size_t objects) {
+    const std::size_t frames = settings.intermix == SlabIntermix::order_free ? objects : 1;
+    const std::uint32_t given = std::max(static_cast<std::uint32_t>(size.layers) - 1, kMostGiven);
+    const std::uint64_t rooms = std::min(packets_of_band(device, scene.camera) * twin::kPacketRaysT,
+                                         invocations_of_rooms(device, size.layers, given, frames));
+    return static_cast<std::int64_t>(frames * pellucid::planned_slab_bytes(size) + rooms * bytes_of_room(size.layers, given, frames));
+}
+
+std::int64_t planned_cast_bytes(const Device& device, const PreparedScene& scene, const VolumeObject& volume) {
+    // Words of four samples each, distances of blocks; states of rays.
+    const std::uint64_t rays = std::uint64_t{packets_of_band(device, scene.camera)} * twin::kPacketRaysT;
+    return static_cast<std::int64_t>(volume.field().grid().values.size() * sizeof(std::uint64_t) +
+                                     rays * (sizeof(twin::PacketRay) + sizeof(twin::VolumeRay) + sizeof(twin::RaySteps))) +
+           EmptySpace::count_of(volume.cells());
 }
 
 }  // namespace pellucid::vulkan

@@ -13,5 +13,10 @@ namespace pellucid::vulkan {
 /// lacks double precision.
 [[nodiscard]] std::unique_ptr<SlabPipeline> make_slab_pipeline(const Device& device, const PreparedScene& scene,
                                                                const ZThicknessSize& size, const SlabSettings& settings);
+/// Bytes that it will hold in z-thickness buffers and rooms of invocations, of so many objects.
+[[nodiscard]] std::int64_t planned_slab_bytes(const Device& device, const PreparedScene& scene, const ZThicknessSize& size,
+                                              const SlabSettings& settings, std::size_t objects);
+/// The same of a volume that is cast, at most.
+[[nodiscard]] std::int64_t planned_cast_bytes(const Device& device, const PreparedScene& scene, const VolumeObject& volume);
 
 }  // namespace pellucid::vulkan

@@ -67,13 +67,21 @@ constexpr double kMostSteps = 1 << 20;
     return {device, shaders.of(sink), {.push_bytes = sizeof(CastPush), .constants = constants}};
 }
 
+/// Packets of an image: all, and at a time.
+struct Bands {
+    std::uint32_t packets = 0;
+    std::uint32_t most = ~0U;
+    void limit(std::uint32_t rays) { most = std::max(1U, rays / twin::kPacketRaysT); }
+};
+
 /// All packets of an image, as many at a time as their rays' room holds.
 template <class Casts, class Before>
-void record_bands(const Device& device, Commands& commands, const Casts& casts, const Kernel& kernel, std::uint32_t packets,
+void record_bands(const Device& device, Commands& commands, const Casts& casts, const Kernel& kernel, const Bands& bands,
                   std::uint64_t sink, const Before& before, const BandHooks& hooks) {
     casts.begin(commands);
-    for (std::uint32_t first = 0; first < packets; first += casts.band()) {
-        const std::uint32_t count = std::min(casts.band(), packets - first);
+    const std::uint32_t band = std::min(casts.band(), bands.most);
+    for (std::uint32_t first = 0; first < bands.packets; first += band) {
+        const std::uint32_t count = std::min(band, bands.packets - first);
         before(first, count);
         hooks.before();
         commands.begin_stage("cast");
@@ -91,7 +99,7 @@ void record_bands(const Device& device, Commands& commands, const Casts& casts, 
 
 struct VolumeCaster::Parts {
     const Device* device;
-    std::uint32_t packets;  // of the image
+    Bands bands;
     std::optional<CastVolumes> fast;
     std::optional<PlainCasts> plain;
     std::optional<Kernel> kernel;
@@ -102,7 +110,7 @@ VolumeCaster::VolumeCaster(const Device& device, const PreparedScene& scene, con
     : parts_(std::make_unique<Parts>()) {
     Parts& p = *parts_;
     p.device = &device;
-    p.packets = packets_of_image(scene.camera);
+    p.bands.packets = packets_of_image(scene.camera);
     if (volume.bounds().empty()) return;
     const std::array<const VolumeObject*, 1> one{&volume};
     const bool fits = scene.camera.far() / settings.step < kMostSteps ||
@@ -123,17 +131,18 @@ std::uint64_t VolumeCaster::bytes() const {
 }
 
 std::uint32_t VolumeCaster::band_rays() const {
-    return (parts_->fast    ? parts_->fast->band()
-            : parts_->plain ? parts_->plain->band()
-                            : 0) *
-           twin::kPacketRaysT;
+    const std::uint32_t band = parts_->fast ? parts_->fast->band() : parts_->plain ? parts_->plain->band() : 0;
+    return std::min(band, parts_->bands.most) * twin::kPacketRaysT;
+}
+void VolumeCaster::limit_band(std::uint32_t rays) {
+    parts_->bands.limit(rays);
 }
 
 void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_clear, const BandHooks& hooks) {
     Parts& p = *parts_;
     if (p.fast) {
         p.fast->setup.least_clear = least_clear;
-        record_bands(*p.device, commands, *p.fast, *p.kernel, p.packets, sink,
+        record_bands(*p.device, commands, *p.fast, *p.kernel, p.bands, sink,
                      [&](std::uint32_t first, std::uint32_t count) {
                          commands.begin_stage("rays");
                          p.fast->record_rays(commands, first, count, 0);
@@ -143,7 +152,7 @@ void VolumeCaster::record(Commands& commands, std::uint64_t sink, float least_cl
                      hooks);
     }
     if (p.plain)
-        record_bands(*p.device, commands, *p.plain, *p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
+        record_bands(*p.device, commands, *p.plain, *p.kernel, p.bands, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
 }
 
 void VolumeCaster::check() const {
@@ -157,12 +166,12 @@ struct IsosurfaceCaster::Parts {
     Parts(const Device& device_, const PreparedScene& scene, const Object& object, double thickness,
           const CastSettings& settings, SinkKind sink)
         : device(&device_),
-          packets(packets_of_image(scene.camera)),
+          bands{packets_of_image(scene.camera)},
           casts(device_, scene, std::array{&object}, std::array{thickness}, settings, 1),
           kernel(make_kernel(device_, kIsosurface, sink, casts.constants())) {}
 
     const Device* device;
-    std::uint32_t packets;  // of the image
+    Bands bands;
     PlainCasts casts;
     Kernel kernel;
 };
@@ -177,12 +186,15 @@ std::uint64_t IsosurfaceCaster::bytes() const {
     return parts_->casts.bytes();
 }
 std::uint32_t IsosurfaceCaster::band_rays() const {
-    return parts_->casts.band() * twin::kPacketRaysT;
+    return std::min(parts_->casts.band(), parts_->bands.most) * twin::kPacketRaysT;
+}
+void IsosurfaceCaster::limit_band(std::uint32_t rays) {
+    parts_->bands.limit(rays);
 }
 
 void IsosurfaceCaster::record(Commands& commands, std::uint64_t sink, const BandHooks& hooks) {
     Parts& p = *parts_;
-    record_bands(*p.device, commands, p.casts, p.kernel, p.packets, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
+    record_bands(*p.device, commands, p.casts, p.kernel, p.bands, sink, [](std::uint32_t, std::uint32_t) {}, hooks);
 }
 
 void IsosurfaceCaster::check() const {

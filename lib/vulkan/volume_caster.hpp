@@ -50,6 +50,8 @@ public:
     void check() const;
     /// Rays in flight at a time: invocations that a sink must have room for.
     [[nodiscard]] std::uint32_t band_rays() const;
+    /// At most so many, or one packet of them.
+    void limit_band(std::uint32_t rays);
     /// Held on the device.
     [[nodiscard]] std::uint64_t bytes() const;
 
@@ -70,6 +72,7 @@ public:
     void record(Commands& commands, std::uint64_t sink, const BandHooks& hooks = {});
     void check() const;
     [[nodiscard]] std::uint32_t band_rays() const;
+    void limit_band(std::uint32_t rays);
     [[nodiscard]] std::uint64_t bytes() const;
 
 private:
