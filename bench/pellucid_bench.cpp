@@ -29,8 +29,10 @@
 #include "render/backend.hpp"
 #include "sample/particle_sampler.hpp"
 #include "stage/slab_compression.hpp"
+#include "vulkan/multi_volume_caster.hpp"
 #include "vulkan/particles.hpp"
 #include "vulkan/peeling.hpp"
+#include "vulkan/slab_pipeline.hpp"
 #include "vulkan/surface_drawer.hpp"
 
 namespace pellucid::bench {
@@ -506,6 +508,40 @@ void cast_slabs(benchmark::State& state) {
     state.counters["samples"] = rate(done(state) * casting.samples);
 }
 
+void vulkan_march_probe(benchmark::State& state) {
+    static VulkanMarchProbe probe(device(), kCubeSamples, kCubePixels, cube_value);
+    for (auto _ : state) state.SetIterationTime(probe.run());
+    state.counters["samples"] = rate(done(state) * probe.taken());
+}
+
+/// The cube of cast/flat by the device's clock: all volumes together.
+template <bool lit>
+void vulkan_cast_image(benchmark::State& state) {
+    static const Casting casting({.shading = lit ? kLit : Shading{.flat = true}});
+    for (auto _ : state) {
+        MultiVolumeStats stats;
+        benchmark::DoNotOptimize(vulkan::cast_volumes(device(), casting.scene, {.opaque_at = 1}, stats, [](double) {}, {}));
+        state.SetIterationTime(stats.cast_device_s);
+    }
+    state.counters["samples"] = rate(done(state) * casting.samples);
+}
+
+/// The same into a z-thickness buffer of eight layers: rays, casting, kernel and read-back.
+void vulkan_cast_slabs(benchmark::State& state) {
+    static const Casting casting(CubeSettings{});
+    const SlabSettings rule{.layers = 8, .opaque_at = 1};
+    for (auto _ : state) {
+        const auto pipeline = vulkan::make_slab_pipeline(device(), casting.scene, {kCubePixels, kCubePixels, rule.layers, SlabFormat::float32}, rule);
+        SlabStageStats stats;
+        pipeline->add_volume(casting.scene.volumes[0], {.step = 1}, false, stats);
+        (void)pipeline->image();
+        double seconds = 0;
+        for (const StageTime& time : pipeline->device_times()) seconds += time.device_s;
+        state.SetIterationTime(seconds);
+    }
+    state.counters["samples"] = rate(done(state) * casting.samples);
+}
+
 void register_all() {
     using benchmark::RegisterBenchmark;
     // Each run is long enough to be timed once; the repetitions are what counts.
@@ -530,6 +566,10 @@ void register_all() {
         by_own_clock(RegisterBenchmark("vulkan/peel_pass_1", vulkan_peel_pass<1>));
         by_own_clock(RegisterBenchmark("vulkan/peel_pass_8", vulkan_peel_pass<8>));
         by_own_clock(RegisterBenchmark("vulkan/depth_peeling", vulkan_depth_peeling));
+        by_own_clock(RegisterBenchmark("vulkan/march_probe", vulkan_march_probe));
+        by_own_clock(RegisterBenchmark("vulkan/cast_flat", vulkan_cast_image<false>));
+        by_own_clock(RegisterBenchmark("vulkan/cast_lit", vulkan_cast_image<true>));
+        by_own_clock(RegisterBenchmark("vulkan/slabs_8_layers", vulkan_cast_slabs));
     }
     thrice(RegisterBenchmark("sample/probe", lines_probe<TorusLinesProbe>));
     once(RegisterBenchmark("sample/copy", copy_probe));

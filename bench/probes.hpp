@@ -67,6 +67,25 @@ private:
     vulkan::Buffer corners_, keys_;
 };
 
+/// Trilinear samples on Vulkan: TrilinearProbe's rays, one an invocation.
+class VulkanMarchProbe {
+public:
+    /// samples³, pixels² (a multiple of 4); value(i, j, k).
+    VulkanMarchProbe(const vulkan::Device& device, int samples, int pixels, std::uint8_t (*value)(int, int, int));
+    /// Seconds by the device's clock.
+    double run();
+    /// How many samples are taken.
+    [[nodiscard]] std::uint64_t taken() const { return taken_; }
+
+private:
+    const vulkan::Device& device_;
+    std::uint32_t count_, samples_;
+    std::uint64_t taken_ = 0;
+    vulkan::Kernel kernel_;
+    vulkan::Commands commands_;
+    vulkan::Buffer words_, rays_, sums_;
+};
+
 /// All hits of coherent primary rays with triangles: Embree with a 16-wide context filter that keeps
 /// depth and ids, then a sort a ray. The camera is a pinhole at (0, 0, distance) that looks along −z.
 class EmbreeProbe {

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-WORK = ("particles", "trials", "steps", "points", "hits", "rays", "samples", "blocks", "merges")  # the benchmarks' counters, per second
+WORK = ("particles", "trials", "steps", "points", "hits", "rays", "samples", "blocks", "merges", "triangles")  # the benchmarks' counters, per second
 SECONDS = ("s", "s/block")
 BOOTSTRAPS = 4000
 
@@ -42,6 +42,11 @@ RATIOS = (
     Ratio("Vulkan: the same, shaded and summed, of bare compute splat", "particles", "vulkan/ensemble_5e7", "vulkan/probe",
           at_least=0.6),
     Ratio("Vulkan: the same with all copies", "particles", "vulkan/ensemble_5e7_with_copies", "vulkan/probe"),
+    Ratio("Vulkan: a pass of depth peeling, of bare raster", "triangles", "vulkan/peel_pass_1", "vulkan/raster_probe", at_least=0.5),
+    Ratio("Vulkan: a pass that keeps eight surfaces, of bare raster", "triangles", "vulkan/peel_pass_8", "vulkan/raster_probe"),
+    Ratio("Vulkan: casting a volume, flat, of bare march", "samples", "vulkan/cast_flat", "vulkan/march_probe", at_least=0.5),
+    Ratio("Vulkan: casting a volume, lit, of bare march", "samples", "vulkan/cast_lit", "vulkan/march_probe"),
+    Ratio("Vulkan: casting into slabs of 8 layers takes, of casting", "s", "vulkan/slabs_8_layers", "vulkan/cast_flat"),
     Ratio("sampling a torus, of bare lines", "particles", "sample/torus", "sample/probe", at_least=0.3),
     Ratio("sampling a torus in fast mode, of bare lines", "particles", "sample/torus_fast_mode", "sample/probe"),
     Ratio("Brownian steps on a torus, of bare steps", "steps", "walk/torus_thinned", "walk/probe", at_least=0.25),
