@@ -34,6 +34,9 @@ struct RaysPush {
 constexpr std::uint32_t kBandRays = 1U << 20U;
 constexpr std::uint32_t kBandRaysInSoftware = 1U << 16U;
 
+/// Of a transfer function, by a ray.
+constexpr std::uint32_t kMostKeptPieces = 8;
+
 [[nodiscard]] std::size_t wide(int n) {
     return static_cast<std::size_t>(n);
 }
@@ -251,6 +254,7 @@ twin::CastVolume CastVolumes::place_on_device(const VolumeObject& volume, const 
     v.anything = packed.space.anything() ? 1 : 0;
     v.kind = kind;
     v.piece_count = packed.transfer.count;
+    most_pieces_ = std::max(most_pieces_, packed.transfer.count);
     v.steps = static_cast<float>(std::min(settings.step / volume.opacity_step(), 1e30));
     v.plane_count = static_cast<std::uint32_t>(volume.settings().clip.size());
     v.lit = shading.flat ? 0 : 1;
@@ -263,8 +267,11 @@ twin::CastVolume CastVolumes::place_on_device(const VolumeObject& volume, const 
 }
 
 std::vector<std::uint32_t> CastVolumes::constants(SlabMixing mixing) const {
+    // Registers instead of a cache pay where a device is none.
+    const std::uint32_t pieces = device_->info().is_gpu || most_pieces_ > kMostKeptPieces ? 0 : most_pieces_;
     return {group_size_,       kinds_,           lit_ ? 1U : 0U,  glossy_ ? 1U : 0U,
-            setup.light_count, holes_ ? 1U : 0U, skip_ ? 1U : 0U, static_cast<std::uint32_t>(mixing)};
+            setup.light_count, holes_ ? 1U : 0U, skip_ ? 1U : 0U, static_cast<std::uint32_t>(mixing),
+            pieces,            std::max(1U, setup.volume_count)};
 }
 
 void CastVolumes::record_rays(Commands& commands, std::uint32_t first, std::uint32_t count,

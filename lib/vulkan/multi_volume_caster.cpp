@@ -51,7 +51,6 @@ struct Volumes {
         if (all && volumes.size() <= kMostVolumes && reach / cast.step <= kMostSteps) {
             fast.emplace(device, scene, volumes, cast, settings.rays);
             std::vector<std::uint32_t> constants = fast->constants(settings.mixing);
-            constants.push_back(count);
             constants.push_back(layers ? 1 : 0);
             kernel.emplace(device, kMultiVolume, KernelSettings{sizeof(Push), constants});
         } else {

@@ -3,6 +3,7 @@
 #extension GL_GOOGLE_include_directive : require
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
+#extension GL_KHR_shader_subgroup_vote : require
 #include "kernel/cast_rays_twin.h"
 
 layout(local_size_x_id = 0) in;
@@ -14,6 +15,8 @@ layout(constant_id = 4) const uint kLights = 1;
 layout(constant_id = 5) const bool kHoles = true;  // some samples are not a number
 layout(constant_id = 6) const bool kSkip = true;   // some volume has blocks
 layout(constant_id = 7) const uint kMixing = 0;
+layout(constant_id = 8) const uint kPieces = 0;   // a transfer function's, kept by the ray; 0: read where they are needed
+layout(constant_id = 9) const uint kVolumes = 1;
 
 layout(buffer_reference, scalar) readonly buffer Setup { CastSetup it; };
 layout(buffer_reference, scalar) readonly buffer Volumes { CastVolume at[]; };
@@ -107,6 +110,7 @@ Place place_at(CastVolume v, Vec3f index) {
 
 struct Walk {
     VolumeRay ray;
+    uint volume;  // its number
     float u;      // how far the ray is looked at
     float begin;  // of the last step
     float value;  // at u …
@@ -121,10 +125,25 @@ Vec3f index_of(CastVolume v, VolumeRay ray, float u) {
 
 float clamp_u(VolumeRay ray, float u) { return min(max(u, ray.u_in), ray.u_out); }
 
-uint piece_of(CastVolume v, float value) {
-    Pieces pieces = Pieces(v.pieces);
+// Transfer functions as bits, a piece three words of four. In software a load is eight of them, one a ray. What is kept is
+// chosen, not indexed: so it stays in registers.
+uvec4 kept_pieces[kVolumes * kPieces * 3u + 1u];  // an array has at least one
+void keep_pieces(CastVolume v, uint volume) {
+    for (uint k = 0u; k < kPieces; ++k) {
+        Words words = Words(v.pieces + 48ul * min(k, v.piece_count - 1u));
+        for (uint i = 0u; i < 3u; ++i)
+            kept_pieces[(volume * kPieces + k) * 3u + i] =
+                uvec4(words.at[4u * i], words.at[4u * i + 1u], words.at[4u * i + 2u], words.at[4u * i + 3u]);
+    }
+}
+uint piece_of(CastVolume v, uint volume, float value) {
     uint piece = 0u;
-    for (uint k = 1u; k < v.piece_count; ++k) piece += uint(value >= pieces.at[k].begin);
+    if (kPieces == 0u) {
+        for (uint k = 1u; k < v.piece_count; ++k) piece += uint(value >= Pieces(v.pieces).at[k].begin);
+        return piece;
+    }
+    for (uint k = 1u; k < kPieces; ++k)
+        piece += uint(k < v.piece_count && value >= uintBitsToFloat(kept_pieces[(volume * kPieces + k) * 3u].x));
     return piece;
 }
 
@@ -134,17 +153,32 @@ void prime(inout Walk w, CastVolume v, float i) {
     Place p = place_at(v, index_of(v, w.ray, w.u));
     w.value = p.number ? cell_value(p.cell) : 0.0;
     w.number = p.number;
-    w.piece = piece_of(v, w.value);
+    w.piece = piece_of(v, w.volume, w.value);
 }
 
 // Between two values; `piece` is that of `from` and becomes that of `to`.
-StepLook preintegrate(CastVolume v, float from, float to, float steps, inout uint piece) {
-    Pieces pieces = Pieces(v.pieces);
+StepLook preintegrate(CastVolume v, uint volume, float from, float to, float steps, inout uint piece) {
+    uint first_kept = volume * kPieces * 3u;
     PartLook sum = PartLook(no_look(), 1.0);
     float at = from;
     precise float change = to - from;
     for (bool first = true;; first = false) {
-        TransferPiece t = pieces.at[piece];
+        TransferPiece t;
+        if (kPieces == 0u) {
+            t = Pieces(v.pieces).at[piece];
+        } else {
+            // No function gives it: glslang would look for `precise` in every member of every argument.
+            uvec4 a = kept_pieces[first_kept], b = kept_pieces[first_kept + 1u], c = kept_pieces[first_kept + 2u];
+            for (uint k = 1u; k < kPieces; ++k) {
+                bool here = piece >= k;
+                a = here ? kept_pieces[first_kept + 3u * k] : a;
+                b = here ? kept_pieces[first_kept + 3u * k + 1u] : b;
+                c = here ? kept_pieces[first_kept + 3u * k + 2u] : c;
+            }
+            t = TransferPiece(uintBitsToFloat(a.x), uintBitsToFloat(a.y), uintBitsToFloat(a.z), uintBitsToFloat(a.w),
+                              uintBitsToFloat(b.x), uintBitsToFloat(b.y), uintBitsToFloat(b.z), uintBitsToFloat(b.w),
+                              uintBitsToFloat(c.x), uintBitsToFloat(c.y), uintBitsToFloat(c.z), 0.0);
+        }
         float end = min(max(to, t.begin), t.end);
         bool beyond = to >= t.end, before = to < t.begin;
         bool last = !(beyond || before);
@@ -183,9 +217,9 @@ StepLook step_to(Setup setup, inout Walk w, CastVolume v, float target, Vec3f vi
     uint piece = w.piece;
     bool inside = share > 0.0;
     if (inside && w.number && p.number)
-        look = preintegrate(v, w.value, value, steps, piece);
-    else if (p.number)
-        piece = piece_of(v, value);
+        look = preintegrate(v, w.volume, w.value, value, steps, piece);
+    else if (kHoles && p.number)
+        piece = piece_of(v, w.volume, value);
     if (kLit && look.opacity > 0.0 && v.lit != 0u) {
         precise float middle = 0.5 * (w.u + u);
         Place m = place_at(v, index_of(v, w.ray, middle));

@@ -8,8 +8,7 @@
 #include "cast_volume.glsl"
 #include "multi_total.glsl"
 
-layout(constant_id = 8) const uint kVolumes = 1;
-layout(constant_id = 9) const bool kLayers = false;
+layout(constant_id = 10) const bool kLayers = false;
 
 layout(buffer_reference, scalar) readonly buffer Layers { RayLayer at[]; };
 layout(push_constant, scalar) uniform Push {
@@ -58,15 +57,13 @@ void main() {
     if (pixel.x >= setup.it.camera.width || pixel.y >= setup.it.camera.height) return;
     PacketRay ray = PacketRays(setup.it.packet_rays).at[number];
     RaySteps steps = AllRaySteps(setup.it.ray_steps).at[number];
-    Volumes volumes = Volumes(setup.it.volumes);
+    CastVolume volumes[kVolumes];
     Walk walks[kVolumes];
-    float next[kVolumes], primed[kVolumes];
-    bool look_ahead[kVolumes];
     for (uint v = 0u; v < kVolumes; ++v) {
+        volumes[v] = Volumes(setup.it.volumes).at[v];
+        keep_pieces(volumes[v], v);
+        walks[v].volume = v;
         walks[v].ray = VolumeRays(setup.it.volume_rays).at[v * packet_count * kPacketRaysT + number];
-        next[v] = 0.0;
-        primed[v] = -1.0;
-        look_ahead[v] = true;
     }
     NextLayer layer;
     layer.u = kCastNever;
@@ -79,37 +76,39 @@ void main() {
     float least_clear = setup.it.least_clear;
     bool ended = false;  // and not cut
     uint rounds = setup.it.camera.most_rounds;
-    for (float i = 0.0; rounds > 0u; i += 1.0) {
+    float i = 0.0;
+    while (rounds > 0u) {
         --rounds;
-        if (!(sums.clear > least_clear && i < ray.last)) {
-            ended = true;
-            break;
-        }
-        // Where the last step of a volume showed nothing: when does it again?
+        // To the next step in which a volume may show something, or with a surface, …
+        float next[kVolumes];
         float soonest = kLayers ? max(floor(layer.u), i) : kCastNever;
         for (uint v = 0u; v < kVolumes; ++v) {
-            if (next[v] <= i && look_ahead[v]) next[v] = next_step(walks[v], volumes.at[v], i);
+            next[v] = next_step(walks[v], volumes[v], i);
             soonest = min(soonest, max(next[v], i));
         }
-        if (soonest >= kCastNever) {
-            ended = true;
-            break;
-        }
+        ended = !(sums.clear > least_clear && i < ray.last) || soonest >= kCastNever;
+        if (ended) break;
         i = soonest;
-        for (uint v = 0u; v < kVolumes; ++v)
-            if (next[v] <= i && primed[v] != i) prime(walks[v], volumes.at[v], i);
-        bool seen[kVolumes];
-        for (uint v = 0u; v < kVolumes; ++v) seen[v] = false;
-        for (;;) {
-            precise float whole = i + 1.0;
+        bool taking_part[kVolumes];
+        float another = kCastNever;
+        for (uint v = 0u; v < kVolumes; ++v) {
+            taking_part[v] = next[v] <= i;
+            if (taking_part[v]) prime(walks[v], volumes[v], i);
+            else another = min(another, next[v]);
+        }
+        // … and on as long as any ray sees anything and no other volume comes: what is empty costs the others nothing.
+        for (bool visible = true; visible && rounds > 0u; --rounds) {
+          bool seen = false;
+          precise float whole = i + 1.0;
+          for (;;) {
             float target = kLayers ? min(whole, layer.u) : whole;
             CastMixture mixture = CastMixture(no_look(), Vec3f(0.0, 0.0, 0.0), 0.0, 0u);
             float begin = kCastNever;
             for (uint v = 0u; v < kVolumes; ++v) {
-                if (next[v] > i) continue;
-                StepLook look = step_to(setup, walks[v], volumes.at[v], target, ray.to_viewer);
+                if (!taking_part[v]) continue;
+                StepLook look = step_to(setup, walks[v], volumes[v], target, ray.to_viewer);
                 if (!(look.opacity > 0.0)) continue;
-                seen[v] = true;
+                seen = true;
                 mixture = add_to_mixture(mixture, look, kMixing);
                 begin = min(begin, walks[v].begin);
             }
@@ -122,11 +121,9 @@ void main() {
                 add_to_sums(sums, Vec3f(layer.layer.r, layer.layer.g, layer.layer.b), layer.layer.a, layer.u);
             if (!(sums.clear > least_clear)) break;
             layer = next_layer(layer, number, steps);
-        }
-        for (uint v = 0u; v < kVolumes; ++v) {
-            if (next[v] > i) continue;
-            primed[v] = i + 1.0;
-            look_ahead[v] = !seen[v];
+          }
+          i = whole;
+          visible = subgroupAny(seen) && i < another && sums.clear > least_clear && i < ray.last;
         }
     }
     if (!ended) Status(setup.it.status).unfinished = 1u;

@@ -14,39 +14,41 @@ void main() {
     ivec2 pixel = pixel_of_ray(setup, first_packet + number / kPacketRaysT, number % kPacketRaysT);
     if (pixel.x >= setup.it.camera.width || pixel.y >= setup.it.camera.height) return;
     CastVolume v = Volumes(setup.it.volumes).at[0];
+    keep_pieces(v, 0u);
     PacketRay ray = PacketRays(setup.it.packet_rays).at[number];
     Walk w;
+    w.volume = 0u;
     w.ray = VolumeRays(setup.it.volume_rays).at[number];
     float least_clear = setup.it.least_clear;
     float clear = 1.0;
-    bool look_ahead = true, primed = false;
     sink_start(uint(pixel.y * setup.it.camera.width + pixel.x));
     bool ended = false;  // and not cut
     uint rounds = setup.it.camera.most_rounds;
-    for (float i = 0.0; rounds > 0u; i += 1.0) {
+    float i = 0.0;
+    while (rounds > 0u) {
         --rounds;
-        if (!(clear > least_clear && i < ray.last)) ended = true;
-        if (!ended && look_ahead) {
-            float next = next_step(w, v, i);
-            ended = next >= kCastNever;
-            primed = primed && next <= i;
-            i = max(i, next);
+        // To the next step that may show something, …
+        float next = next_step(w, v, i);
+        ended = !(clear > least_clear && i < ray.last) || next >= kCastNever;
+        if (ended) break;
+        i = max(i, next);
+        prime(w, v, i);
+        // … and on as long as any ray sees anything: what is empty costs the others nothing.
+        for (bool visible = true; visible && rounds > 0u; --rounds) {
+            i += 1.0;
+            StepLook look = step_to(setup, w, v, i, ray.to_viewer);
+            bool seen = look.opacity > 0.0;
+            if (seen) {
+                precise float back = ray.z + w.u * ray.dt;
+                precise float front = ray.z + w.begin * ray.dt;
+                precise float d = back - front;
+                precise float passes = clear * (1.0 - look.opacity);
+                clear = passes;
+                ended = !sink_push(Slab(back, d, look.color.x, look.color.y, look.color.z, look.opacity));
+            }
+            visible = subgroupAny(seen) && !ended && clear > least_clear && i < ray.last;
         }
         if (ended) break;
-        if (!primed) prime(w, v, i);
-        primed = true;
-        StepLook look = step_to(setup, w, v, i + 1.0, ray.to_viewer);
-        look_ahead = !(look.opacity > 0.0);
-        if (look_ahead) continue;
-        precise float back = ray.z + w.u * ray.dt;
-        precise float front = ray.z + w.begin * ray.dt;
-        precise float d = back - front;
-        precise float passes = clear * (1.0 - look.opacity);
-        clear = passes;
-        if (!sink_push(Slab(back, d, look.color.x, look.color.y, look.color.z, look.opacity))) {
-            ended = true;
-            break;
-        }
     }
     if (!ended) Status(setup.it.status).unfinished = 1u;
     sink_finish();
