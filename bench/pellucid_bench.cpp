@@ -508,8 +508,9 @@ void cast_slabs(benchmark::State& state) {
     state.counters["samples"] = rate(done(state) * casting.samples);
 }
 
+template <bool packed>
 void vulkan_march_probe(benchmark::State& state) {
-    static VulkanMarchProbe probe(device(), kCubeSamples, kCubePixels, cube_value);
+    static VulkanMarchProbe probe(device(), kCubeSamples, kCubePixels, cube_value, packed);
     for (auto _ : state) state.SetIterationTime(probe.run());
     state.counters["samples"] = rate(done(state) * probe.taken());
 }
@@ -566,7 +567,8 @@ void register_all() {
         by_own_clock(RegisterBenchmark("vulkan/peel_pass_1", vulkan_peel_pass<1>));
         by_own_clock(RegisterBenchmark("vulkan/peel_pass_8", vulkan_peel_pass<8>));
         by_own_clock(RegisterBenchmark("vulkan/depth_peeling", vulkan_depth_peeling));
-        by_own_clock(RegisterBenchmark("vulkan/march_probe", vulkan_march_probe));
+        by_own_clock(RegisterBenchmark("vulkan/march_probe", vulkan_march_probe<false>));
+        by_own_clock(RegisterBenchmark("vulkan/packed_march_probe", vulkan_march_probe<true>));
         by_own_clock(RegisterBenchmark("vulkan/cast_flat", vulkan_cast_image<false>));
         by_own_clock(RegisterBenchmark("vulkan/cast_lit", vulkan_cast_image<true>));
         by_own_clock(RegisterBenchmark("vulkan/slabs_8_layers", vulkan_cast_slabs));

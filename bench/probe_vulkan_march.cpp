@@ -1,5 +1,6 @@
 #include <algorithm>
 #include <array>
+#include <bit>
 #include <cmath>
 
 #include "bench/probes.hpp"
@@ -49,11 +50,11 @@ struct Push {
 
 }  // namespace
 
-VulkanMarchProbe::VulkanMarchProbe(const vulkan::Device& device, int samples, int pixels, std::uint8_t (*value)(int, int, int))
+VulkanMarchProbe::VulkanMarchProbe(const vulkan::Device& device, int samples, int pixels, std::uint8_t (*value)(int, int, int), bool packed)
     : device_(device),
       count_(static_cast<std::uint32_t>(pixels) * static_cast<std::uint32_t>(pixels)),
       samples_(static_cast<std::uint32_t>(samples)),
-      kernel_(device, kWords, {.push_bytes = sizeof(Push)}),
+      kernel_(device, kWords, {.push_bytes = sizeof(Push), .constants = std::array{packed ? 1U : 0U}}),
       commands_(device),
       words_(device, std::uint64_t{samples_} * samples_ * samples_ * sizeof(std::uint32_t)),
       rays_(device, count_ * sizeof(MarchRay)),
@@ -67,7 +68,7 @@ VulkanMarchProbe::VulkanMarchProbe(const vulkan::Device& device, int samples, in
                     const auto at = [&](std::size_t i, std::size_t j) -> std::uint32_t {
                         return value(static_cast<int>(std::min(i, n - 1)), static_cast<int>(std::min(j, n - 1)), static_cast<int>(z));
                     };
-                    words[x + n * (y + n * z)] = at(x, y) | at(x + 1, y) << 8U | at(x, y + 1) << 16U | at(x + 1, y + 1) << 24U;
+                    words[x + n * (y + n * z)] = !packed ? std::bit_cast<std::uint32_t>(static_cast<float>(at(x, y))) : at(x, y) | at(x + 1, y) << 8U | at(x, y + 1) << 16U | at(x + 1, y + 1) << 24U;
                 }
     });
     vulkan::upload(device, words_, std::as_bytes(std::span(words)));

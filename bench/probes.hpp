@@ -71,7 +71,8 @@ private:
 class VulkanMarchProbe {
 public:
     /// samples³, pixels² (a multiple of 4); value(i, j, k).
-    VulkanMarchProbe(const vulkan::Device& device, int samples, int pixels, std::uint8_t (*value)(int, int, int));
+    ///   packed  the four samples of a cell at its lower z as one word; else float32
+    VulkanMarchProbe(const vulkan::Device& device, int samples, int pixels, std::uint8_t (*value)(int, int, int), bool packed);
     /// Seconds by the device's clock.
     double run();
     /// How many samples are taken.

@@ -45,6 +45,8 @@ RATIOS = (
     Ratio("Vulkan: a pass of depth peeling, of bare raster", "triangles", "vulkan/peel_pass_1", "vulkan/raster_probe", at_least=0.5),
     Ratio("Vulkan: a pass that keeps eight surfaces, of bare raster", "triangles", "vulkan/peel_pass_8", "vulkan/raster_probe"),
     Ratio("Vulkan: casting a volume, flat, of bare march", "samples", "vulkan/cast_flat", "vulkan/march_probe", at_least=0.5),
+    Ratio("Vulkan: casting a volume, flat, of bare march through packed samples", "samples", "vulkan/cast_flat",
+          "vulkan/packed_march_probe"),
     Ratio("Vulkan: casting a volume, lit, of bare march", "samples", "vulkan/cast_lit", "vulkan/march_probe"),
     Ratio("Vulkan: casting into slabs of 8 layers takes, of casting", "s", "vulkan/slabs_8_layers", "vulkan/cast_flat"),
     Ratio("sampling a torus, of bare lines", "particles", "sample/torus", "sample/probe", at_least=0.3),

@@ -34,13 +34,13 @@ struct FrameSetup {
     std::uint64_t words, flags, nearest;
     std::uint64_t nodes, costs, merged, given, arrivals;
     std::uint32_t stride;
-    std::uint32_t layers, format, interpolation, mixing, compression;
+    std::uint32_t layers;
     float opaque_at;
     float negligible;
     std::uint32_t given_room;
     std::uint32_t seen;
 };
-static_assert(sizeof(FrameSetup) == 8 * 8 + 10 * 4 && offsetof(FrameSetup, stride) == 64);
+static_assert(sizeof(FrameSetup) == 8 * 8 + 6 * 4 && offsetof(FrameSetup, stride) == 64);
 constexpr std::uint64_t kNodeBytes = sizeof(twin::Slab) + 2 * sizeof(float);
 constexpr std::uint64_t kArrivalBytes = 3 * sizeof(std::uint32_t);
 
@@ -158,7 +158,7 @@ public:
 
     void add_isosurface(const Object& object, const CastSettings& settings, SlabStageStats& stats) override {
         const double pitch = voxel_pitch(object.geometry->field_surface()->to_world);
-        IsosurfaceCaster caster(device_, scene_, object, fixed_thickness(scene_, object).value_or(pitch), settings, SinkKind::give);
+        IsosurfaceCaster caster(device_, scene_, object, fixed_thickness(scene_, object).value_or(pitch), settings, {SinkKind::give, slab_constants()});
         DeviceFrame& frame = next_frame();
         const std::uint32_t given = std::max(most_slabs(), kMostGiven);
         caster.limit_band(most_invocations(given));
@@ -172,7 +172,7 @@ public:
     }
 
     void add_volume(const VolumeObject& volume, const CastSettings& settings, bool on_the_fly, SlabStageStats& stats) override {
-        VolumeCaster caster(device_, scene_, volume, settings, on_the_fly ? SinkKind::merge : SinkKind::collect);
+        VolumeCaster caster(device_, scene_, volume, settings, {on_the_fly ? SinkKind::merge : SinkKind::collect, slab_constants()});
         DeviceFrame& frame = next_frame();
         caster.limit_band(most_invocations(most_slabs()));
         use(frame, std::max(1U, caster.band_rays()), most_slabs(), SlabCollector::negligible_cost(settings_, settings.step));
@@ -222,7 +222,15 @@ public:
 
 private:
     [[nodiscard]] Kernel make_kernel(std::span<const std::uint32_t> words, std::size_t push_bytes) const {
-        return {device_, words, {.push_bytes = static_cast<std::uint32_t>(push_bytes), .constants = std::span(&group_, 1)}};
+        std::vector<std::uint32_t> constants(kSlabConstants);
+        constants[0] = group_;
+        for (const std::uint32_t constant : slab_constants()) constants.push_back(constant);
+        return {device_, words, {.push_bytes = static_cast<std::uint32_t>(push_bytes), .constants = constants}};
+    }
+    /// As slab_frame.glsl has them.
+    [[nodiscard]] std::array<std::uint32_t, 4> slab_constants() const {
+        return {static_cast<std::uint32_t>(settings_.interpolation), static_cast<std::uint32_t>(settings_.mixing),
+                static_cast<std::uint32_t>(settings_.compression), static_cast<std::uint32_t>(size_.format)};
     }
     [[nodiscard]] std::uint32_t most_slabs() const { return static_cast<std::uint32_t>(size_.layers) - 1; }
 
@@ -260,10 +268,6 @@ private:
                                .arrivals = arrivals_.address(),
                                .stride = stride,
                                .layers = static_cast<std::uint32_t>(size_.layers),
-                               .format = static_cast<std::uint32_t>(size_.format),
-                               .interpolation = static_cast<std::uint32_t>(settings_.interpolation),
-                               .mixing = static_cast<std::uint32_t>(settings_.mixing),
-                               .compression = static_cast<std::uint32_t>(settings_.compression),
                                .opaque_at = settings_.opaque_at,
                                .negligible = negligible,
                                .given_room = given_room,

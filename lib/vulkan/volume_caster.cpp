@@ -62,9 +62,11 @@ constexpr StageShaders kIsosurface{kIsosurfaceList, {}, {}, kIsosurfaceGive};
 /// Nothing that a ray of this many steps meets is lost to float32.
 constexpr double kMostSteps = 1 << 20;
 
-[[nodiscard]] Kernel make_kernel(const Device& device, const StageShaders& shaders, SinkKind sink,
-                                 const std::vector<std::uint32_t>& constants) {
-    return {device, shaders.of(sink), {.push_bytes = sizeof(CastPush), .constants = constants}};
+[[nodiscard]] Kernel make_kernel(const Device& device, const StageShaders& shaders, const SinkChoice& sink,
+                                 std::vector<std::uint32_t> constants) {
+    constants.resize(kSlabConstants);
+    constants.insert(constants.end(), sink.constants.begin(), sink.constants.end());
+    return {device, shaders.of(sink.kind), {.push_bytes = sizeof(CastPush), .constants = constants}};
 }
 
 /// Packets of an image: all, and at a time.
@@ -106,7 +108,7 @@ struct VolumeCaster::Parts {
 };
 
 VolumeCaster::VolumeCaster(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
-                           const CastSettings& settings, SinkKind sink)
+                           const CastSettings& settings, const SinkChoice& sink)
     : parts_(std::make_unique<Parts>()) {
     Parts& p = *parts_;
     p.device = &device;
@@ -164,7 +166,7 @@ void VolumeCaster::check() const {
 
 struct IsosurfaceCaster::Parts {
     Parts(const Device& device_, const PreparedScene& scene, const Object& object, double thickness,
-          const CastSettings& settings, SinkKind sink)
+          const CastSettings& settings, const SinkChoice& sink)
         : device(&device_),
           bands{packets_of_image(scene.camera)},
           casts(device_, scene, std::array{&object}, std::array{thickness}, settings, 1),
@@ -177,7 +179,7 @@ struct IsosurfaceCaster::Parts {
 };
 
 IsosurfaceCaster::IsosurfaceCaster(const Device& device, const PreparedScene& scene, const Object& object,
-                                   double thickness, const CastSettings& settings, SinkKind sink)
+                                   double thickness, const CastSettings& settings, const SinkChoice& sink)
     : parts_(std::make_unique<Parts>(device, scene, object, thickness, settings, sink)) {}
 IsosurfaceCaster::~IsosurfaceCaster() = default;
 IsosurfaceCaster::IsosurfaceCaster(IsosurfaceCaster&&) noexcept = default;
@@ -251,7 +253,7 @@ template <class Record>
 
 SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
                      const CastSettings& settings, float opaque_at) {
-    VolumeCaster caster(device, scene, volume, settings, SinkKind::list);
+    VolumeCaster caster(device, scene, volume, settings, {SinkKind::list});
     SlabLists lists = gather_lists(
         device, scene.camera, opaque_at,
         [&](Commands& commands, std::uint64_t sink) { caster.record(commands, sink, 1 - opaque_at); });
@@ -261,7 +263,7 @@ SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Vol
 
 SlabLists cast_slabs(const Device& device, const PreparedScene& scene, const Object& object, double thickness,
                      const CastSettings& settings, float opaque_at) {
-    IsosurfaceCaster caster(device, scene, object, thickness, settings, SinkKind::list);
+    IsosurfaceCaster caster(device, scene, object, thickness, settings, {SinkKind::list});
     SlabLists lists =
         gather_lists(device, scene.camera, opaque_at,
                      [&](Commands& commands, std::uint64_t sink) { caster.record(commands, sink); });

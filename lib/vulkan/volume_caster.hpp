@@ -7,6 +7,7 @@
 // texture filters have 8 bits.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <functional>
 #include <memory>
@@ -24,6 +25,12 @@ namespace pellucid::vulkan {
 ///   merge    merges them with the pixel's array one by one: slab_merge_sink.glsl; not for isosurfaces
 ///   give     leaves all of an isosurface's: slab_given_sink.glsl
 enum class SinkKind { list, collect, merge, give };
+/// Specialisation constants of shaders that include slab_frame.glsl begin here; before them are those of casting.
+inline constexpr std::size_t kSlabConstants = 11;
+struct SinkChoice {
+    SinkKind kind;
+    std::array<std::uint32_t, 4> constants{};  // from kSlabConstants on
+};
 
 /// Recorded around the rays of each band: before they are cast, and when so many have been.
 struct BandHooks {
@@ -39,7 +46,7 @@ public:
     /// Scene, volume and device must outlive it. Throws Error(device) where the device has no double
     /// precision, Error(run) where its memory is too small.
     VolumeCaster(const Device& device, const PreparedScene& scene, const VolumeObject& volume,
-                 const CastSettings& settings, SinkKind sink);
+                 const CastSettings& settings, const SinkChoice& sink);
     ~VolumeCaster();
     VolumeCaster(VolumeCaster&&) noexcept;
 
@@ -65,7 +72,7 @@ class IsosurfaceCaster {
 public:
     /// `thickness`: of the slabs, world.
     IsosurfaceCaster(const Device& device, const PreparedScene& scene, const Object& object, double thickness,
-                     const CastSettings& settings, SinkKind sink);
+                     const CastSettings& settings, const SinkChoice& sink);
     ~IsosurfaceCaster();
     IsosurfaceCaster(IsosurfaceCaster&&) noexcept;
 

@@ -3,17 +3,32 @@
 #define Sink Frame
 float first_front;
 uint sink_pixel, seen_slabs;
+Slab unsettled_slab;
+Unsettled unsettled;
 void start_collecting(Frame f, uint pixel, uint number) {
     frame = f;
     own = number;
     sink_pixel = pixel;
     seen_slabs = 0u;
+    unsettled.any = false;
     collector_start(frame.negligible);
 }
-bool collect_slab(Slab s) {
+void see_slab(Slab s) {
     if (seen_slabs == 0u) first_front = slab_front(s);
     ++seen_slabs;
+}
+bool collect_slab(Slab s) {
+    see_slab(s);
     return collector_push(s);
+}
+bool take_slab(Slab s) {
+    see_slab(s);
+    unsettled_slab = s;
+    return collector_take(s, unsettled);
+}
+void settle_slab() {
+    if (unsettled.any) collector_open_another(unsettled_slab, unsettled.before, unsettled.drop);
+    unsettled.any = false;
 }
 void finish_collecting() {
     if (seen_slabs == 0u) return;
@@ -24,4 +39,7 @@ void finish_collecting() {
 }
 #define sink_start(pixel) start_collecting(sink, pixel, invocation_number())
 #define sink_push(slab) collect_slab(slab)
+#define sink_take(slab) take_slab(slab)
+#define sink_is_settled() !unsettled.any
+#define sink_settle() settle_slab()
 #define sink_finish() finish_collecting()

@@ -9,6 +9,12 @@
 #include "kernel/intermix_twin.h"
 #include "kernel/z_thickness_twin.h"
 
+// As SlabSettings and SlabFormat; what is not chosen is not there.
+layout(constant_id = 11) const uint kInterpolationOfSlabs = 0;
+layout(constant_id = 12) const uint kMixingOfSlabs = 0;
+layout(constant_id = 13) const uint kCompression = 2;
+layout(constant_id = 14) const uint kFormat = 0;
+
 const uint kTail = 0u;  // as SlabCompression
 const uint kSlope = 1u;
 const uint kTransmittance = 2u;
@@ -39,7 +45,7 @@ layout(buffer_reference, scalar, buffer_reference_align = 8) buffer Frame {
     uint64_t words, flags, nearest;              // of the z-thickness buffer; float a pixel
     uint64_t nodes, costs, merged, given, arrivals;  // rooms
     uint stride;                                 // invocations
-    uint layers, format, interpolation, mixing, compression;
+    uint layers;
     float opaque_at;
     float negligible;                            // what merging may cost along a ray from the start
     uint given_room;                             // slabs of `given`
@@ -65,7 +71,7 @@ Slab no_slab() { return Slab(0.0, 0.0, 0.0, 0.0, 0.0, 0.0); }
 
 // ---- The z-thickness buffer
 
-uint words_of_slab() { return frame.format == kFormatFloat ? 6u : 3u; }
+uint words_of_slab() { return kFormat == kFormatFloat ? 6u : 3u; }
 uint64_t word_number(uint pixel, uint layer) {
     return (uint64_t(pixel) * frame.layers + layer) * words_of_slab();
 }
@@ -73,19 +79,19 @@ bool touched(uint pixel) { return (FrameWords(frame.flags).at[pixel / 32u] >> (p
 Slab stored_slab(uint pixel, uint layer) {
     FrameWords from = FrameWords(frame.words + 4ul * word_number(pixel, layer));
     SlabWords w = SlabWords(from.at[0], from.at[1], from.at[2], 0u, 0u, 0u);
-    if (frame.format == kFormatFloat) {
+    if (kFormat == kFormatFloat) {
         w.w3 = from.at[3];
         w.w4 = from.at[4];
         w.w5 = from.at[5];
     }
-    return unpack_slab(w, frame.format);
+    return unpack_slab(w, kFormat);
 }
 void store_words(uint pixel, uint layer, SlabWords w) {
     FrameWords to = FrameWords(frame.words + 4ul * word_number(pixel, layer));
     to.at[0] = w.w0;
     to.at[1] = w.w1;
     to.at[2] = w.w2;
-    if (frame.format != kFormatFloat) return;
+    if (kFormat != kFormatFloat) return;
     to.at[3] = w.w3;
     to.at[4] = w.w4;
     to.at[5] = w.w5;
@@ -111,8 +117,8 @@ void write_pixel(uint pixel, uint place, uint count) {
         slab = slab_from(place, i);
         if (i == 0u) begin = slab_front(slab);
         sum = slab_over(sum, slab);
-        SlabWords words = pack_behind(slab, end, frame.format);
-        Slab seen = unpack_slab(words, frame.format);
+        SlabWords words = pack_behind(slab, end, kFormat);
+        Slab seen = unpack_slab(words, kFormat);
         if (is_no_slab(seen)) continue;
         ++kept;
         store_words(pixel, kept, words);
@@ -122,8 +128,8 @@ void write_pixel(uint pixel, uint place, uint count) {
         sum.z = slab.z;
         sum.d = count == 1u ? slab.d : thickness_between(begin, sum.z);
     }
-    store_words(pixel, 0u, pack_slab(sum, frame.format));
-    if (kept < most_slabs()) store_words(pixel, kept + 1u, pack_slab(no_slab(), frame.format));
+    store_words(pixel, 0u, pack_slab(sum, kFormat));
+    if (kept < most_slabs()) store_words(pixel, kept + 1u, pack_slab(no_slab(), kFormat));
     atomicOr(FrameWords(frame.flags).at[pixel / 32u], 1u << (pixel % 32u));
 }
 
@@ -139,7 +145,7 @@ struct Collector {
     float tolerance;
 } collector;
 
-uint collector_room() { return frame.compression == kTransmittance ? max(2u * most_slabs(), 8u) : most_slabs(); }
+uint collector_room() { return kCompression == kTransmittance ? max(2u * most_slabs(), 8u) : most_slabs(); }
 
 float area_to_chord(float a, float gap, float b, float drop_a, float drop_b) {
     precise float length = a + gap + b;
@@ -259,7 +265,7 @@ void merge_nodes(uint i) {
 }
 void collector_open_another(Slab s, float before, float drop) {
     collector_close();
-    if (frame.compression == kSlope && collector.count == most_slabs()) {
+    if (kCompression == kSlope && collector.count == most_slabs()) {
         uint best = collector.count - 1u;  // the last with the new one
         float least = kNeverJoins;
         for (uint i = 0u; i < collector.count; ++i) {
@@ -294,7 +300,7 @@ bool collector_joins(Slab s, float drop) {
     precise float length = collector.open.z - collector.front;
     precise float open_drop = collector.before * collector.open.a;
     float gap = gap_before(s, collector.open.z);
-    if (frame.compression == kTransmittance) {
+    if (kCompression == kTransmittance) {
         precise float error = collector.error + cost_between(length, open_drop, gap, s.d, drop);
         if (!(error <= collector.tolerance)) return false;
         collector_join(s);
@@ -302,7 +308,7 @@ bool collector_joins(Slab s, float drop) {
         return true;
     }
     bool joins = collector.count + 1u == most_slabs();
-    if (frame.compression == kSlope)
+    if (kCompression == kSlope)
         joins = change_of_slope(length, open_drop, gap, s.d, drop) < collector.tolerance;
     if (joins) collector_join(s);
     return joins;
@@ -314,16 +320,30 @@ void collector_start(float negligible) {
     collector.passing = 1.0;
     collector.tolerance = negligible;
 }
-bool collector_push(Slab s) {
+// What of a slab neither opens the first nor joins the last one: collector_settle() comes before the next.
+struct Unsettled {
+    bool any;
+    float before, drop;
+};
+// False: nothing behind is seen.
+bool collector_take(Slab s, out Unsettled left) {
     float before = collector.passing;
+    left = Unsettled(false, before, 0.0);
     if (before <= kNothingPasses) return false;
     precise float drop = before * s.a;
     precise float passing = before * (1.0 - s.a);
     collector.passing = passing;
+    left.drop = drop;
     if (collector.slabs == 0u) collector_open(s, before, 0.0);
-    else if (!collector_joins(s, drop)) collector_open_another(s, before, drop);
+    else left.any = !collector_joins(s, drop);
     precise float least = 1.0 - frame.opaque_at;
     return passing > max(least, kNothingPasses);
+}
+bool collector_push(Slab s) {
+    Unsettled left;
+    bool more = collector_take(s, left);
+    if (left.any) collector_open_another(s, left.before, left.drop);
+    return more;
 }
 // Nodes 0 … collector.count − 1 are the array.
 void collector_finish() {
@@ -402,7 +422,7 @@ bool merge_slab(Slab b) {
             emit_merged(b);
             break;
         }
-        MergeStep step = merge_step(merging.a, b, frame.interpolation, frame.mixing);
+        MergeStep step = merge_step(merging.a, b, kInterpolationOfSlabs, kMixingOfSlabs);
         emit_merged(step.out_slab);
         merging.a = step.a;
         b = step.b;
@@ -462,7 +482,7 @@ uint insert_given(uint count, Slab carried) {
         Slab there = given_at(at);
         bool carried_first = carried.z <= there.z;
         Intermixed r = intermix(pick_slab(carried_first, carried, there), pick_slab(carried_first, there, carried),
-                                frame.interpolation, frame.mixing);
+                                kInterpolationOfSlabs, kMixingOfSlabs);
         set_given(at, r.integrated);
         if (r.remains == 0u) return count;
         carried = r.remaining;

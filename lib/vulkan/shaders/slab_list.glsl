@@ -4,6 +4,8 @@
 // has in its push constants as `sink`; sink_start(pixel), sink_push(slab), false where nothing behind is
 // seen, and sink_finish(), each once or more an invocation. Room of an invocation's own goes by
 // invocation_number(), below the caster's band_rays().
+// One may part sink_push(): sink_take(slab) does what takes little, sink_settle() the rest, if sink_is_settled() says that
+// there is any; so that in software, where a vector's rays go through all that one of them needs, they wait for one another.
 layout(buffer_reference, scalar) buffer SlabLists { Slab at[]; };
 layout(buffer_reference, scalar) buffer SlabCounts { uint at[]; };
 layout(buffer_reference, scalar) readonly buffer Sink {

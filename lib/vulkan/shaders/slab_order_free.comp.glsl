@@ -86,7 +86,7 @@ void cut_active(float front, float back) {
             ++part_count;
             continue;
         }
-        SlabParts cut = split_slab(s, front, back, frame.interpolation);
+        SlabParts cut = split_slab(s, front, back, kInterpolationOfSlabs);
         set_given(part_room(part_count), cut.front);
         ++part_count;
         set_given(active_room(kept), cut.back);
@@ -117,7 +117,7 @@ double weight_in_all_orders(uint i) {
 
 Slab mix_parts() {
     if (part_count == 1u) return given_at(part_room(0u));
-    if (part_count == 2u) return mix_slabs(given_at(part_room(0u)), given_at(part_room(1u)), frame.mixing);
+    if (part_count == 2u) return mix_slabs(given_at(part_room(0u)), given_at(part_room(1u)), kMixingOfSlabs);
     precise double a = 0.0lf;
     precise double opacities = 0.0lf;
     precise double depths = 0.0lf;
@@ -127,16 +127,16 @@ Slab mix_parts() {
         a = a + (1.0lf - a) * own_a;
         opacities = opacities + own_a;
         if (own_a >= 1.0lf) opaque += 1.0lf;
-        else if (frame.mixing == kMixExtinction) depths = depths - log1p_d(-own_a);
+        else if (kMixingOfSlabs == kMixExtinction) depths = depths - log1p_d(-own_a);
     }
     precise double r = 0.0lf, g = 0.0lf, b = 0.0lf;
     for (uint i = 0u; i < part_count; ++i) {
         Slab s = given_at(part_room(i));
         double own_a = double(s.a);
         precise double weight = 1.0lf;
-        if (frame.mixing == kMixAverage) {
+        if (kMixingOfSlabs == kMixAverage) {
             weight = weight_in_all_orders(i);
-        } else if (frame.mixing == kMixNormalised) {
+        } else if (kMixingOfSlabs == kMixNormalised) {
             if (opacities > 0.0lf) weight = a / opacities;
         } else if (opaque > 0.0lf) {
             weight = own_a >= 1.0lf ? 1.0lf / opaque : 0.0lf;

@@ -1,6 +1,11 @@
 // The rays of some packets through one volume, as slabs with opacity > 0 from front to back; float32,
 // trilinear. An invocation is one ray: it reads its PacketRay and VolumeRay, and hands its slabs to the sink,
 // which alone writes, by pixel. Include a sink first: see slab_list.glsl.
+#ifndef sink_take
+#define sink_take(slab) sink_push(slab)
+#define sink_is_settled() true
+#define sink_settle()
+#endif
 layout(push_constant, scalar) uniform Push {
     Setup setup;
     Sink sink;
@@ -27,6 +32,7 @@ void main() {
     float i = 0.0;
     while (rounds > 0u) {
         --rounds;
+        sink_settle();
         // To the next step that may show something, …
         float next = next_step(w, v, i);
         ended = !(clear > least_clear && i < ray.last) || next >= kCastNever;
@@ -44,12 +50,13 @@ void main() {
                 precise float d = back - front;
                 precise float passes = clear * (1.0 - look.opacity);
                 clear = passes;
-                ended = !sink_push(Slab(back, d, look.color.x, look.color.y, look.color.z, look.opacity));
+                ended = !sink_take(Slab(back, d, look.color.x, look.color.y, look.color.z, look.opacity));
             }
-            visible = subgroupAny(seen) && !ended && clear > least_clear && i < ray.last;
+            visible = subgroupAny(seen) && sink_is_settled() && !ended && clear > least_clear && i < ray.last;
         }
         if (ended) break;
     }
     if (!ended) Status(setup.it.status).unfinished = 1u;
+    sink_settle();
     sink_finish();
 }
