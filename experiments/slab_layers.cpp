@@ -30,8 +30,12 @@ struct Settings {
         std::vector<std::int64_t> layers, resolutions;
         int runs;
     };
-    OfBackend cpu, device;
+    OfBackend cpu, cpu_large, device;
     [[nodiscard]] const OfBackend& of(const Backend& backend) const { return backend.on_device() ? device : cpu; }
+    [[nodiscard]] std::vector<OfBackend> timed(const Backend& backend) const {
+        if (backend.on_device()) return {device};
+        return {cpu, cpu_large};
+    }
 };
 
 Settings::OfBackend read_backend(const ConfigTable& t) {
@@ -49,6 +53,7 @@ Settings read_settings(const ConfigTable& t) {
     s.folder = t.file("folder");
     s.scenes = t.texts("scenes", kRequired);
     s.cpu = read_backend(t.table("cpu"));
+    s.cpu_large = read_backend(t.table("cpu_large"));
     s.device = read_backend(t.table("vulkan"));
     s.intermix = t.texts("intermix", kRequired);
     s.mixing = t.text("mixing", kRequired);
@@ -170,11 +175,11 @@ double median(std::vector<double> values) {
     return values.size() % 2 == 1 ? values[half] : 0.5 * (values[half - 1] + values[half]);
 }
 
-void measure_times(Experiment& ex, const Settings& s, const std::string& name, const Scene& whole, std::int64_t side,
-                   const Backend& backend, CsvWriter& csv, CsvWriter& stages) {
+void measure_times(Experiment& ex, const Settings& s, const std::string& name, const Scene& whole, const Settings::OfBackend& how,
+                   std::int64_t side, const Backend& backend, CsvWriter& csv, CsvWriter& stages) {
     const PreparedScene prepared = prepare(resized(whole, side, side));
-    std::vector<Timed> all = what_is_timed(s, s.of(backend).layers);
-    const int runs = s.of(backend).runs;
+    std::vector<Timed> all = what_is_timed(s, how.layers);
+    const int runs = how.runs;
     std::vector<std::size_t> order(all.size());
     std::iota(order.begin(), order.end(), std::size_t{0});
     std::mt19937_64 random(derived_seed(ex.seed(), 2).value);
@@ -221,8 +226,9 @@ void run(Experiment& ex) {
         }
         for (const Backend& backend : backends) {
             if (scene) measure_errors(ex, s, name, *judged, *truth, backend, errors, enough);
-            for (const std::int64_t side : s.of(backend).resolutions)
-                if (scene) measure_times(ex, s, name, *scene, side, backend, times, stages);
+            for (const Settings::OfBackend& how : s.timed(backend))
+                for (const std::int64_t side : how.resolutions)
+                    if (scene) measure_times(ex, s, name, *scene, how, side, backend, times, stages);
             progress->step();
         }
     }
