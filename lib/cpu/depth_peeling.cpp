@@ -118,6 +118,7 @@ public:
             const Camera& camera = scene_.camera;
             thickness = drawn.thickness ? *drawn.thickness
                                         : pixel_thickness(camera, camera.to_view(world), camera.view_vector(geometric));
+            thickness = seen_thickness(thickness, z);
         }
         const auto narrow = [](double v) { return static_cast<float>(v); };
         out = {{narrow(z), narrow(thickness), narrow(alpha * color.x), narrow(alpha * color.y), narrow(alpha * color.z),

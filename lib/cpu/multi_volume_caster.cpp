@@ -189,7 +189,7 @@ void LayersOfRay::find(const Ray& ray, std::span<const twin::Slab> others, SlabM
         std::vector<IsosurfaceCaster::Crossing> found;
         for (const IsosurfaceCaster& surface : isosurfaces_) surface.crossings(ray, found);
         for (const IsosurfaceCaster::Crossing& c : found)
-            out.push_back({c.t, IsosurfaceCaster::virtual_slab(c, 0, 0)});
+            out.push_back({c.t, IsosurfaceCaster::virtual_slab(c, 0)});
         std::ranges::stable_sort(out, {}, &DepthLayer::t);
     }
     // One layer a depth.

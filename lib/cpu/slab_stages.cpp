@@ -142,7 +142,7 @@ void cast_into(SlabFrame& frame, const PreparedScene& scene, const Object& objec
                 caster.cast(scene.camera.ray(static_cast<double>(x) + 0.5, static_cast<double>(y) + 0.5), thickness, found);
                 if (found.slabs.empty()) continue;
                 Stopwatch watch;
-                frame.intermix_compressed(y * width + x, found.slabs, found.slabs.front().z);
+                frame.intermix_overlapping(y * width + x, found.slabs, found.slabs.front().z);
                 kernel.add(watch.lap());
                 slabs.fetch_add(found.slabs.size(), std::memory_order_relaxed);
             }

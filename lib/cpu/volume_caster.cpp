@@ -9,6 +9,7 @@
 #include "cpu/preintegration.hpp"
 #include "field/iso_field.hpp"
 #include "scene/shading.hpp"
+#include "stage/virtual_slab.hpp"
 
 namespace pellucid {
 namespace {
@@ -261,11 +262,9 @@ std::int64_t IsosurfaceCaster::planned_bytes(const Object& object) {
     return EmptySpace::count_of({static_cast<int>(last.x), static_cast<int>(last.y), static_cast<int>(last.z)});
 }
 
-twin::Slab IsosurfaceCaster::virtual_slab(const Crossing& crossing, double thickness, float front) {
-    const auto z = static_cast<float>(crossing.t);
-    const float begin = std::max(std::min(front, z), static_cast<float>(crossing.t - thickness));
+twin::Slab IsosurfaceCaster::virtual_slab(const Crossing& crossing, double thickness) {
     twin::Slab slab = make_slab(crossing.t, crossing.t, crossing.opacity, crossing.opacity * crossing.color);
-    slab.d = z - begin;
+    slab.d = static_cast<float>(seen_thickness(thickness, crossing.t));
     return slab;
 }
 

@@ -119,21 +119,18 @@ public:
     /// Appends all crossings of a ray from front to back, at most until one has opacity 1.
     void crossings(const Ray& ray, std::vector<Crossing>& out) const;
 
-    /// Virtual slabs (zSlab, section 5.4), with depth `thickness` towards the viewer, less where the one
-    /// before or the eye is nearer.
+    /// Virtual slabs (zSlab, section 5.4) with depth `thickness` towards the viewer, less where the eye is nearer: by
+    /// back depth, and those of crossings that are close overlap.
     template <SlabSink Sink>
     void cast(const Ray& ray, double thickness, Sink& sink) const {
         std::vector<Crossing> found;
         crossings(ray, found);
-        float front = 0;
         for (const Crossing& crossing : found) {
-            const twin::Slab slab = virtual_slab(crossing, thickness, front);
-            front = slab.z;
+            const twin::Slab slab = virtual_slab(crossing, thickness);
             if (slab.a > 0 && !sink.push(slab)) return;
         }
     }
-    /// `front`: where it must not begin before.
-    [[nodiscard]] static twin::Slab virtual_slab(const Crossing& crossing, double thickness, float front);
+    [[nodiscard]] static twin::Slab virtual_slab(const Crossing& crossing, double thickness);
 
     /// Of its samples, world.
     [[nodiscard]] double pitch() const;

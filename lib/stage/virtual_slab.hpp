@@ -26,6 +26,11 @@ namespace pellucid {
 ///   view, normal  of the place, in view space; the normal (geometric) of any length but zero
 [[nodiscard]] double pixel_thickness(const Camera& camera, const Vec3& view, const Vec3& normal);
 
+/// What of a thickness lies before the eye's plane, for a surface at depth z.
+[[nodiscard]] inline double seen_thickness(double thickness, double z) {
+    return thickness > z ? (z > 0 ? z : 0) : thickness;
+}
+
 inline constexpr double kMostStretch = 8;  // seen under 83 degrees
 
 }  // namespace pellucid

@@ -1,5 +1,5 @@
 // Crossings with an isosurface as virtual slabs (zSlab, section 5.4): with depth `thickness` towards the
-// viewer, less where the one before or the eye is nearer. Include a sink first.
+// viewer, less where the eye is nearer. Include a sink first.
 layout(buffer_reference, scalar) readonly buffer Surfaces { PlainSurface at[]; };
 layout(buffer_reference, scalar) readonly buffer PlainSetup { CastSetup it; };
 layout(push_constant, scalar) uniform Push {
@@ -9,15 +9,9 @@ layout(push_constant, scalar) uniform Push {
     uint packet_count;
 };
 
-float last_z;
 bool take_crossing(PlainSurface s, double t, double opacity, Vec3d color) {
-    float z = float(t);
-    precise double near = t - s.thickness;
-    float begin = max(min(last_z, z), float(near));
     Slab slab = slab_between(t, t, opacity, color);
-    precise float d = z - begin;
-    slab.d = d;
-    last_z = z;
+    slab.d = float(s.thickness > t ? (t > 0.0lf ? t : 0.0lf) : s.thickness);
     return !(slab.a > 0.0) || sink_push(slab);
 }
 
@@ -32,7 +26,6 @@ void main() {
     CastCamera camera = setup.it.camera;
     if (pixel.x >= camera.width || pixel.y >= camera.height) return;
     PlainSurface s = Surfaces(setup.it.volumes).at[0];
-    last_z = 0.0;
     sink_start(uint(pixel.y * camera.width + pixel.x));
     bool ended =
         find_crossings(camera, Lights(setup.it.lights), s, plain_ray(camera, s.grid, pixel, 0u, false));

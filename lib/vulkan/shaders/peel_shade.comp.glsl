@@ -141,7 +141,10 @@ Slab shade_fragment(PeelSetup s, PeelPart part, uint part_number, int x, int y) 
         color = vec3d(double(lit.x), double(lit.y), double(lit.z));
     }
     double thickness = 0.0lf;
-    if (kThickness != 0u) thickness = o.thickness >= 0.0lf ? o.thickness : thickness_by_pixel(s, world, geometric);
+    if (kThickness != 0u) {
+        thickness = o.thickness >= 0.0lf ? o.thickness : thickness_by_pixel(s, world, geometric);
+        if (thickness > z) thickness = z > 0.0lf ? z : 0.0lf;  // what lies before the eye's plane
+    }
     Slab slab;
     slab.z = float(z);
     slab.d = float(thickness);
