@@ -71,12 +71,18 @@ std::vector<TransitionPoint> transition(const RgbImage& image) {
     return points;
 }
 
+/// How much nearer a rectangle comes along a row of an orthographic view down the z axis.
+double rise_along_row(const Surface& surface) {
+    const auto& r = std::get<RectangleShape>(surface.shape);
+    const Vec3 normal = cross(r.u, r.v);
+    return -normal.x / normal.z;
+}
+
 /// The shape in which one surface gives way to the other, over thickness.
 void fit_transitions(Experiment& ex, const Settings& s) {
     Scene scene = resized(ex.scene(s.crossing), s);
     const double pixel = pixel_of(scene);
-    // The scene's own: a length x along a row beside the crossing they are 0.5·cos 10°·x apart.
-    const double slope = 0.5 * 0.984807753;
+    const double slope = std::abs(rise_along_row(scene.surfaces.at(0)) - rise_along_row(scene.surfaces.at(1)));
     CsvWriter& rows = ex.csv("transitions", {"opacity", "thickness_px", "x_px", "share", "fitted_share"});
     CsvWriter& fits = ex.csv("fits", {"opacity", "thickness_px", "center_px", "width_px", "width_error_px", "exponent", "exponent_error",
                                       "overlap_px", "rms_residual"});

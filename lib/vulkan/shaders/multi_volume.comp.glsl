@@ -98,32 +98,34 @@ void main() {
         }
         // … and on as long as any ray sees anything and no other volume comes: what is empty costs the others nothing.
         for (bool visible = true; visible && rounds > 0u; --rounds) {
-          bool seen = false;
-          precise float whole = i + 1.0;
-          for (;;) {
-            float target = kLayers ? min(whole, layer.u) : whole;
-            CastMixture mixture = CastMixture(no_look(), Vec3f(0.0, 0.0, 0.0), 0.0, 0u);
-            float begin = kCastNever;
-            for (uint v = 0u; v < kVolumes; ++v) {
-                if (!taking_part[v]) continue;
-                StepLook look = step_to(setup, walks[v], volumes[v], target, ray.to_viewer);
-                if (!(look.opacity > 0.0)) continue;
-                seen = true;
-                mixture = add_to_mixture(mixture, look, kMixing);
-                begin = min(begin, walks[v].begin);
+            bool seen = false;
+            precise float whole = i + 1.0;
+            for (;;) {
+                float target = kLayers ? min(whole, layer.u) : whole;
+                CastMixture mixture = CastMixture(no_look(), Vec3f(0.0, 0.0, 0.0), 0.0, 0u);
+                float begin = kCastNever;
+                for (uint v = 0u; v < kVolumes; ++v) {
+                    if (!taking_part[v]) continue;
+                    StepLook look = step_to(setup, walks[v], volumes[v], target, ray.to_viewer);
+                    if (!(look.opacity > 0.0)) continue;
+                    seen = true;
+                    if (kVolumes == 1u) mixture = CastMixture(look, Vec3f(0.0, 0.0, 0.0), 0.0, 1u);
+                    else mixture = add_to_mixture(mixture, look, kMixing);
+                    begin = min(begin, walks[v].begin);
+                }
+                if (mixture.count > 0u) {
+                    StepLook sum = mixture.sum;
+                    if (kVolumes > 1u) sum = mixture_result(mixture, kMixing);
+                    sums = add_to_sums(sums, sum.color, sum.opacity, begin);
+                }
+                if (!kLayers || !(layer.u < whole) || !(sums.clear > least_clear)) break;
+                sums =
+                    add_to_sums(sums, Vec3f(layer.layer.r, layer.layer.g, layer.layer.b), layer.layer.a, layer.u);
+                if (!(sums.clear > least_clear)) break;
+                layer = next_layer(layer, number, steps);
             }
-            if (mixture.count > 0u) {
-                StepLook sum = mixture_result(mixture, kMixing);
-                sums = add_to_sums(sums, sum.color, sum.opacity, begin);
-            }
-            if (!kLayers || !(layer.u < whole) || !(sums.clear > least_clear)) break;
-            sums =
-                add_to_sums(sums, Vec3f(layer.layer.r, layer.layer.g, layer.layer.b), layer.layer.a, layer.u);
-            if (!(sums.clear > least_clear)) break;
-            layer = next_layer(layer, number, steps);
-          }
-          i = whole;
-          visible = subgroupAny(seen) && i < another && sums.clear > least_clear && i < ray.last;
+            i = whole;
+            visible = subgroupAny(seen) && i < another && sums.clear > least_clear && i < ray.last;
         }
     }
     if (!ended) Status(setup.it.status).unfinished = 1u;
