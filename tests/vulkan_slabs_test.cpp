@@ -90,7 +90,7 @@ private:
 /// Three media, an isosurface, a mesh in a clip plane and spheres that cross each other. Its sides are no whole packets, nor
 /// whole words of flags.
 [[nodiscard]] PreparedScene mixed_scene() {
-    const fs::path folder = fs::path(testing::TempDir()) / "vulkan_slabs";
+    const fs::path folder = fs::path(testing::TempDir()) / "vulkan_slabs" / testing::UnitTest::GetInstance()->current_test_info()->name();
     fs::create_directories(folder);
     const fs::path grid = folder / "grid.nrrd";
     {

@@ -10,6 +10,12 @@
 #include "kernel/math_twin.h"
 #include "kernel/shading_twin.h"
 #include "kernel/slab_twin.h"
+
+// A shader may leave out what its volumes never need: opacities above 0.6; steps of optical depth above 5.
+#ifndef CAST_STEEP
+#define CAST_STEEP true
+#define CAST_THICK true
+#endif
 TWIN_BEGIN
 
 // What the kernels that cast share with their hosts.
@@ -157,7 +163,7 @@ TWIN_FN PieceDepth depth_of_opacities(float a0, float a1) {
     TWIN_PRECISE float log_middle = -(lost * inverse + 0.693147181f * quick_log2(m));
     TWIN_PRECISE float r2 = r * r;
     PieceDepth depth;
-    if (abs(r) > 0.5f) {
+    if (CAST_STEEP && abs(r) > 0.5f) {
         depth = steep_depth(r, log_middle);
     } else {
         // 1/6, 1/20, 1/42, 1/72, 1/110 and 1/3, 1/15, 1/35, 1/63, 1/99.
@@ -193,7 +199,7 @@ TWIN_FN float opacity_of_depth(float depth) {
 TWIN_FN float cast_color_shift(PieceDepth piece, float depth) {
     TWIN_PRECISE float mean = max(piece.mean, 1e-30f);
     TWIN_PRECISE float shift;
-    if (depth > 5.0f) {
+    if (CAST_THICK && depth > 5.0f) {
         TWIN_PRECISE float front = 1.0f / depth - 0.5f;
         shift = piece.skew / mean + front;
     } else {
@@ -238,7 +244,7 @@ TWIN_FN PartLook add_piece(PartLook sum, TransferPiece t, float from, float to, 
         TWIN_PRECISE float depth = (piece.mean * steps) * share;
         TWIN_PRECISE float middle = 0.5f * (x0 + x1);
         middle = middle + cast_color_shift(piece, depth) * (x1 - x0);
-        bool blocks = min(a0, a1) >= 1.0f;
+        bool blocks = CAST_STEEP && min(a0, a1) >= 1.0f;
         depth = pick(blocks, kCastBlocks, min(depth, kCastBlocks));
         middle = pick(blocks, x0, middle);
         float alpha = opacity_of_depth(depth);

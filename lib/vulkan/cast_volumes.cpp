@@ -256,6 +256,11 @@ twin::CastVolume CastVolumes::place_on_device(const VolumeObject& volume, const 
     v.piece_count = packed.transfer.count;
     most_pieces_ = std::max(most_pieces_, packed.transfer.count);
     v.steps = static_cast<float>(std::min(settings.step / volume.opacity_step(), 1e30));
+    // 0.6: then the series of depth_of_opacities() holds for any two of them, with room for float32.
+    double most = 0;
+    for (const TransferPoint& point : volume.settings().transfer) most = std::max(most, point[4]);
+    if (most > 0.6) extremes_ |= 1U;
+    if (-std::log1p(-std::min(most, 1.0)) * static_cast<double>(v.steps) > 4.9) extremes_ |= 2U;
     v.plane_count = static_cast<std::uint32_t>(volume.settings().clip.size());
     v.lit = shading.flat ? 0 : 1;
     v.samples = held.samples.address();
@@ -271,7 +276,7 @@ std::vector<std::uint32_t> CastVolumes::constants(SlabMixing mixing) const {
     const std::uint32_t pieces = device_->info().is_gpu || most_pieces_ > kMostKeptPieces ? 0 : most_pieces_;
     return {group_size_,       kinds_,           lit_ ? 1U : 0U,  glossy_ ? 1U : 0U,
             setup.light_count, holes_ ? 1U : 0U, skip_ ? 1U : 0U, static_cast<std::uint32_t>(mixing),
-            pieces,            std::max(1U, setup.volume_count)};
+            pieces,            std::max(1U, setup.volume_count), extremes_};
 }
 
 void CastVolumes::record_rays(Commands& commands, std::uint32_t first, std::uint32_t count,

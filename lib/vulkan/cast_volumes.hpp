@@ -81,7 +81,7 @@ private:
 
     const Device* device_;
     std::uint32_t group_size_, band_;
-    std::uint32_t kinds_ = 0, most_pieces_ = 0;
+    std::uint32_t kinds_ = 0, most_pieces_ = 0, extremes_ = 0;
     bool lit_ = false, glossy_ = false, holes_ = false, skip_ = false;
     std::uint64_t bytes_ = 0;
     std::vector<Held> held_;

@@ -222,6 +222,10 @@ struct QueueFamily {
     vkGetPhysicalDeviceProperties2(physical, &properties);
     c.info.driver = one_line(fmt::format("{} {}", v12.driverName, v12.driverInfo));
     c.info.subgroup_size = v11.subgroupSize;
+    if ((v11.subgroupSupportedOperations & VK_SUBGROUP_FEATURE_VOTE_BIT) == 0) {
+        c.info.why_not = "it lacks votes of subgroups";
+        return c;
+    }
     c.info.largest_allocation =
         std::min<std::uint64_t>({v11.maxMemoryAllocationSize, v13.maxBufferSize, c.info.heap_bytes});
 

@@ -26,7 +26,7 @@ namespace pellucid::vulkan {
 ///   give     leaves all of an isosurface's: slab_given_sink.glsl
 enum class SinkKind { list, collect, merge, give };
 /// Specialisation constants of shaders that include slab_frame.glsl begin here; before them are those of casting.
-inline constexpr std::size_t kSlabConstants = 11;
+inline constexpr std::size_t kSlabConstants = 12;
 struct SinkChoice {
     SinkKind kind;
     std::array<std::uint32_t, 4> constants{};  // from kSlabConstants on

@@ -4,6 +4,9 @@
 #extension GL_EXT_buffer_reference : require
 #extension GL_EXT_scalar_block_layout : require
 #extension GL_KHR_shader_subgroup_vote : require
+layout(constant_id = 10) const uint kExtremes = 3;  // 1: some opacity is above 0.6; 2: some step's optical depth above 4.9
+#define CAST_STEEP ((kExtremes & 1u) != 0u)
+#define CAST_THICK ((kExtremes & 2u) != 0u)
 #include "kernel/cast_rays_twin.h"
 
 layout(local_size_x_id = 0) in;

@@ -8,7 +8,7 @@
 #include "cast_volume.glsl"
 #include "multi_total.glsl"
 
-layout(constant_id = 10) const bool kLayers = false;
+layout(constant_id = 11) const bool kLayers = false;
 
 layout(buffer_reference, scalar) readonly buffer Layers { RayLayer at[]; };
 layout(push_constant, scalar) uniform Push {

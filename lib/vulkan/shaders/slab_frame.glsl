@@ -10,10 +10,10 @@
 #include "kernel/z_thickness_twin.h"
 
 // As SlabSettings and SlabFormat; what is not chosen is not there.
-layout(constant_id = 11) const uint kInterpolationOfSlabs = 0;
-layout(constant_id = 12) const uint kMixingOfSlabs = 0;
-layout(constant_id = 13) const uint kCompression = 2;
-layout(constant_id = 14) const uint kFormat = 0;
+layout(constant_id = 12) const uint kInterpolationOfSlabs = 0;
+layout(constant_id = 13) const uint kMixingOfSlabs = 0;
+layout(constant_id = 14) const uint kCompression = 2;
+layout(constant_id = 15) const uint kFormat = 0;
 
 const uint kTail = 0u;  // as SlabCompression
 const uint kSlope = 1u;
